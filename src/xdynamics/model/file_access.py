@@ -10,6 +10,7 @@ import csv
 import io
 import re
 import tomllib
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
@@ -37,12 +38,22 @@ def text_of_workbook(content: bytes) -> str:
     except ImportError:
         raise InputError("it is a workbook, and openpyxl is not installed: pip install 'xdynamics[excel]'") from None
     try:
+        _check_unpacked(content)
         # data_only gives what formulas came to, not their text
         book = load_workbook(io.BytesIO(content), read_only=True, data_only=True)
+    except InputError:
+        raise
     except Exception:  # noqa: BLE001 - whatever openpyxl and zipfile say of a file that is no workbook
         raise InputError("it is no workbook of Excel (.xlsx)") from None
     for sheet in book.worksheets:
-        rows = _sheet_rows(sheet)
+        try:
+            rows = _sheet_rows(sheet)
+        except InputError:
+            raise
+        except Exception as error:  # noqa: BLE001 - a text that is missing, a number that is none, XML that is cut off
+            raise InputError(
+                f"sheet '{sheet.title}' of the workbook is damaged ({type(error).__name__}: {error})"
+            ) from None
         if len(rows) > 1:
             text, width = io.StringIO(), max(map(len, rows))
             csv.writer(text, lineterminator="\n").writerows(row + [""] * (width - len(row)) for row in rows)
@@ -50,10 +61,34 @@ def text_of_workbook(content: bytes) -> str:
     raise InputError("no sheet of the workbook has two rows or more")
 
 
+def _check_unpacked(content: bytes) -> None:
+    """Refuse a workbook whose parts are too large when they are unpacked, which its headers need not say, or one row of them."""
+    left = LARGEST_UNPACKED
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for part in archive.infolist():
+            tags = 0
+            with archive.open(part) as unpacked:
+                while left >= 0 and (block := unpacked.read(1 << 20)):
+                    left -= len(block)
+                    for begins, piece in enumerate(_ROW.split(block)):
+                        tags = piece.count(b"<") + (0 if begins else tags)
+                        if tags > MOST_TAGS and part.filename.startswith("xl/worksheets/"):
+                            raise InputError(
+                                f"it is a workbook with over {MOST_TAGS} entries in a row, at '{part.filename}'"
+                            )
+            if left < 0:
+                raise InputError(
+                    f"it is a workbook of over {LARGEST_UNPACKED} bytes unpacked, at '{part.filename}', and that is the limit; save"
+                    " its sheet as CSV"
+                )
+
+
 def _sheet_rows(sheet: Any) -> list[list[str]]:
     """Return the rows of a sheet that are not empty, wherever they stand; a sheet that is too large is refused, not cut."""
     rows: list[list[str]] = []
     for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
+        if number > LAST_ROW:
+            raise InputError(f"sheet '{sheet.title}' has over {LAST_ROW} rows, more than Excel has")
         cells = _row_cells(row)
         if len(cells) > MOST_COLUMNS:
             raise InputError(
@@ -75,6 +110,12 @@ def _row_cells(row: tuple[Any, ...]) -> list[str]:
 
 
 LARGEST_TABLE = 50_000_000  # bytes
+LARGEST_UNPACKED = (
+    50_000_000  # bytes of all parts of a workbook: of its cells openpyxl makes objects, ten times as large
+)
+LAST_ROW = 1 << 20  # of a sheet of Excel
+MOST_TAGS = 8 << 14  # of a row: cells of all columns that Excel has, with what is in them
+_ROW = re.compile(rb"<(?:[A-Za-z0-9_]+:)?row\b")
 WORKBOOK = ".xlsx"
 
 # a file's own folder and below; any file; no file, as the tables are part of the text

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,6 +29,7 @@ from xdynamics.expressions.calculus import ZERO
 from xdynamics.model import Model
 from xdynamics.model.constraints import Assignment
 from xdynamics.model.motion import assignments_read
+from xdynamics.runtime.lazy_imports import cached_property
 
 if TYPE_CHECKING:
     import xarray as xr
