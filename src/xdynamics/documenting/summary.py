@@ -21,6 +21,7 @@ import xarray as xr
 from xdynamics import schema
 from xdynamics.archive import without_stale_units
 from xdynamics.dynamics.recorded_steps import model_of_record
+from xdynamics.elementary.arrays import integral
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.expressions import free_names
 from xdynamics.faults import DOT, escaped
@@ -62,8 +63,8 @@ def works_of_drag(run: xr.Dataset) -> Iterator[str]:
             continue
         powers = [column_in_si(run, force) * column_in_si(run, velocity) for force, velocity in columns.values()]
         power = np.sum(powers, axis=0)
-        pushing, all_of_it = np.maximum(power, 0.0), np.trapezoid(np.abs(power), times)
-        if (work := np.trapezoid(pushing, times)) <= SEEN * all_of_it:
+        pushing, all_of_it = np.maximum(power, 0.0), integral(np.abs(power), times)
+        if (work := integral(pushing, times)) <= SEEN * all_of_it:
             continue
         speeds = column_in_si(run, schema.velocity(coordinates[0]))[power > 0.0]
         direction_note = f" where v_{coordinates[0]} {'<' if speeds.max() < 0.0 else '>'} 0"

@@ -21,6 +21,11 @@ PIECE = 1 << 15  # numbers, to which a function is applied at a time: it makes d
 DEPENDENT = 1e-14  # of a column: a smaller remainder beside the preceding columns counts as zero
 
 
+def integral(y: Floats, t: Floats) -> Any:
+    """Return the integral of straight lines through values, along their last dimension; numpy has it under two names."""
+    return (np.diff(t) * (y[..., 1:] + y[..., :-1]) / 2.0).sum(axis=-1)
+
+
 def log(x: Any) -> Floats:
     """Return natural logarithms: -inf at 0, nan below."""
     return apply_elementary("log", x)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import sample_in_steps
-from xdynamics.elementary.arrays import flattened_rows
+from xdynamics.elementary.arrays import flattened_rows, integral
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, global_error
 from xdynamics.evidence.diagnosing.cycles import Cycles
@@ -268,7 +268,7 @@ class _Cycle:
         values = watched.on(run, model, inner)
         t = np.concatenate([times, time[inner]])[order]
         y = np.ascontiguousarray(np.concatenate([between, values], axis=-1)[..., order])  # sums are as of one element
-        mean: Floats = np.trapezoid(y, t) / (times[-1] - times[0])
+        mean: Floats = integral(y, t) / (times[-1] - times[0])
         return mean
 
 
