@@ -84,6 +84,11 @@ def test_other_interpolators_and_arguments_are_refused() -> None:
     natural = CubicSpline(KNOTS, VALUES, bc_type="natural")
     with pytest.raises(xd.InputError, match=r"the function calls scipy.interpolate, which looks up a table"):
         xd.solve(lambda t, y: [natural(t)], (0.0, 1.0), [1.0])
+    for fun in (lambda t, y: [SPLINE.derivative()(t)], lambda t, y: [SPLINE(t, 1)]):
+        with pytest.raises(xd.InputError, match=r"the function calls scipy.interpolate, which looks up a table"):
+            xd.solve(fun, (0.0, 1.0), [1.0])
+    kept = xd.solve(lambda t, y: [SPLINE(t) - SPLINE(2.0) + SPLINE.x[1]], (0.0, 1.0), [0.0], rtol=1e-9)
+    assert float(kept.y0[-1]) == pytest.approx(SPLINE.integrate(0.0, 1.0) - SPLINE(2.0) + 0.5, abs=1e-8)
     for function in (STRAIGHT, SMOOTH):
         with pytest.raises(
             xd.InputError, match="at something else than t, or a straight line of it; write numpy.interp"

@@ -175,6 +175,15 @@ def test_branches_are_followed_both_ways(fun: Any) -> None:
     assert run.sizes["event"] >= 1
 
 
+def test_a_way_that_is_not_taken_is_not_evaluated() -> None:
+    """Assert a root and a logarithm outside their domain on the other way: a tank that empties, and a force that sets in."""
+    tank = xd.solve(lambda t, y: [-np.sqrt(y[0])] if y[0] > 0 else [0.0], (0.0, 5.0), [1.0], rtol=1e-9, atol=1e-12)
+    assert float(tank.y0[-1]) == pytest.approx(0.0, abs=1e-12)
+    late = xd.solve(lambda t, y: [math.log(t - 1.0)] if t > 1 else [0.0], (0.0, 3.0), [0.0], rtol=1e-9, atol=1e-12)
+    assert float(late.y0[-1]) == pytest.approx(2.0 * math.log(2.0) - 2.0, abs=1e-7)
+    assert {tank.attrs["run_outcome"], late.attrs["run_outcome"]} == {"completed"}
+
+
 def test_a_branch_that_drives_back_slides() -> None:
     """Assert a relay by `if`: from 0 to 1 in a second, and then at 1 by the share of both ways."""
     run = xd.solve(lambda t, y: [-1.0] if y[0] > 1.0 else [1.0], (0.0, 3.0), [0.0])

@@ -164,7 +164,7 @@ def table_reader(tables: dict[str, Points]) -> Callable[..., Any]:
     return interp
 
 
-def interpolator_reader(interpolator: Any, tables: dict[str, Points]) -> Callable[..., Any] | None:
+def interpolator_reader(interpolator: Any, tables: dict[str, Points]) -> _Interpolator | None:
     """Return an interpolator of scipy for traced times, whose table is noted; None of one that no drive is like.
 
     It is known by its values: through straight lines, a cubic spline whose ends are not-a-knot, or a monotone cubic (PCHIP).
@@ -191,20 +191,34 @@ def interpolator_reader(interpolator: Any, tables: dict[str, Points]) -> Callabl
         "pchip": lambda: PchipInterpolator(sites, values)(within),
     }
     word = next((word for word, value in alike.items() if (np.abs(value() - known) <= ALIKE * size).all()), "")
-    return partial(_map_elements, lambda x: _tabulated(x, interpolator, sites, values, word, tables)) if word else None
+    return _Interpolator(interpolator, sites, values, word, tables) if word else None
 
 
-def _tabulated(x: Any, interpolator: Any, sites: Any, values: Any, word: str, tables: dict[str, Points]) -> Any:
-    """Return the value of an interpolator at a number, or the name of its table at a time."""
-    if not isinstance(x, Traced):
-        return float(interpolator(x))
-    line = _line_of_time(x.node)
-    if line is None:
-        raise InputError(
-            "the function reads an interpolator of scipy at something else than t, or a straight line of it; write"
-            " numpy.interp(y[0], x, table), of some 40 points, or the model with a drive over a coordinate"
-        )
-    return _noted(line, sites, values, tables, word, "error")
+class _Interpolator:
+    """An interpolator of scipy, which at traced times is the name of its table, and else as it was."""
+
+    def __init__(self, interpolator: Any, sites: Any, values: Any, word: str, tables: dict[str, Points]) -> None:
+        self._interpolator, self._table, self._tables = interpolator, (sites, values, word), tables
+
+    def __call__(self, x: Any, *further: Any, **options: Any) -> Any:
+        if further or options or not is_traced(x):
+            return self._interpolator(x, *further, **options)
+        return _map_elements(self._tabulated, x)
+
+    def _tabulated(self, x: Any) -> Any:
+        if not isinstance(x, Traced):
+            return float(self._interpolator(x))
+        line = _line_of_time(x.node)
+        if line is None:
+            raise InputError(
+                "the function reads an interpolator of scipy at something else than t, or a straight line of it; write"
+                " numpy.interp(y[0], x, table), of some 40 points, or the model with a drive over a coordinate"
+            )
+        sites, values, word = self._table
+        return _noted(line, sites, values, self._tables, word, "error")
+
+    def __getattr__(self, word: str) -> Any:
+        return getattr(self._interpolator, word)
 
 
 def _repeated(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:

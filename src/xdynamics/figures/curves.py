@@ -237,10 +237,8 @@ def with_role(run: xr.Dataset, *roles: str) -> list[str]:
 
 DRAWN = 4000  # points of a line; what is longer is thinned
 GOLDEN = 0.6180339887498949
-FINEST, MOST_ALONG = (
-    1.0 / 2000.0,
-    100_000,
-)  # of the ranges: what a picture tells apart along a curve; points of one at most
+FINEST = 1.0 / 2000.0  # of the ranges: what a picture tells apart along a curve in a plane or in space
+MOST_ALONG = 100_000  # points of such a curve, about
 LEAP = 0.05  # of the ranges in a plane, between neighbours of a line of which rows are left out
 MOST_BETWEEN = 40  # points inside each step, however long it is
 WORK = 100_000_000  # numbers that an energy is made of at all points together
