@@ -26,7 +26,7 @@ COMMANDS = [
     "validate run.nc",
     "reproduce run.nc",
     "refine {model} --step 0.01",
-    "sweep {model} --grid e=0.5:0.9:3 -o sweep",
+    "sweep {model} --axis e=0.5:0.9:3 -o sweep",
 ]
 DIGEST = "import sys, xdynamics as xd; print(xd.content_digest(xd.simulate(xd.Model.from_toml(sys.argv[1]))))"
 

@@ -205,7 +205,7 @@ def compare(
         For measured data: whether rows in which a number is missing are refused or left out. Columns that the run does
         not have are left out (`data_left_out`).
     reading : mapping, optional
-        How a file is read that does not say it: `skip`, `header`, `units`, `time_zero`, `decimal`, as in
+        How a file is read that does not say it: `skip`, `header`, `units`, `argument_column`, `duplicates`, `time_zero`, `decimal`, as in
         ``{"units": {"t": "s", "x": "mm"}}``; see `xdynamics help files`.
     functions : mapping of str to callable, optional
         The Python functions that the models' forces call.
