@@ -23,6 +23,7 @@ from xdynamics.figures.curves import (
     plotted_lines,
     rows_along,
     thinned_rows,
+    ways_along,
 )
 from xdynamics.figures.plane import views
 
@@ -434,7 +435,7 @@ def test_a_spiral_of_many_rows_is_one_curve() -> None:
     x, v = np.asarray(max((line.get_xydata() for line in xd.plot(run, only="phase").axes[-1].lines), key=len)).T
     assert np.isfinite(x).all()
     assert (x[-1], v[-1]) == (float(run.x[-1]), float(run.v_x[-1]))
-    rows = rows_along(run.x.values, run.v_x.values)
+    rows = rows_along(ways_along(run.x.values, run.v_x.values))
     assert len(rows) < run.sizes["step"]  # the first turns are finer than the picture
     shown = [np.interp(np.arange(run.sizes["step"]), rows, values[rows]) for values in (run.x.values, run.v_x.values)]
     off = [
@@ -460,7 +461,7 @@ def test_rows_along_a_curve_keep_ends_and_gaps() -> None:
     t = np.linspace(0.0, 1.0, 3_000_001)
     x, y = np.cos(4000.0 * t), np.sin(4000.0 * t)
     x[1_000_000] = np.nan
-    rows = rows_along(x, y)
+    rows = rows_along(ways_along(x, y))
     assert (rows[0], rows[-1], 1_000_000 in rows) == (0, 3_000_000, True)
     assert len(rows) <= 100_003
-    assert rows_along(np.zeros(9), np.ones(9)).tolist() == [0, 8]
+    assert rows_along(ways_along(np.zeros(9), np.ones(9))).tolist() == [0, 8]

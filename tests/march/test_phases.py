@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from cases.plain import kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
 from xdynamics.march import control, landing, loop, trial_step
+from xdynamics.march.assembly import phases as assembly_phases
+from xdynamics.march.assembly.broad_phase import MEETS
 from xdynamics.march.events import departures, root_finding, zero_tests
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
@@ -22,6 +24,7 @@ from xdynamics.schema import (
     NODE,
     REASON_DOMAIN,
     REASON_ERROR,
+    REASON_EVENT,
     REASON_EVENT_FUNCTION,
     REASON_NEWTON,
     REASON_NONFINITE,
@@ -396,3 +399,17 @@ def test_hand_over_writes_both_sides_without_another_step(monkeypatch: pytest.Mo
     assert event.direction == -1
     assert run.now[0].status == (STOPPED if stops else RUNNING)
     assert not run.now[0].on_grid
+
+
+def test_a_trial_that_ends_where_bodies_meet_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that one that fails the error test is not landed on, and that nothing is judged where links cannot be watched."""
+    land = plain(assembly_phases.land_on_meeting)
+    verdicts, landed = [REASON_ERROR, SOUND], []
+    monkeypatch.setitem(land.__globals__, "judge_trial_apart", lambda _: verdicts.pop(0))
+    monkeypatch.setitem(land.__globals__, "pass_meeting", landed.append)
+    run = made_by_hand(counters=np.zeros(50, np.int64), spans=np.zeros(50))
+    run.counters[MEETS] = assembly_phases.FREELY
+    assert (land(run), landed) == (REASON_ERROR, [])
+    assert (land(run), landed) == (REASON_EVENT, [run])
+    run.counters[MEETS] = assembly_phases.AT_A_LOSS
+    assert (land(run), landed, verdicts) == (REASON_EVENT, [run], [])

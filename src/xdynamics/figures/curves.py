@@ -329,13 +329,13 @@ def ways_along(*coordinates: Floats) -> Floats:
     return np.sqrt(squares)
 
 
-def rows_along(*coordinates: Floats) -> Rows:
-    """Return the rows of a curve that a picture tells apart, by the way along it, with both ends and gaps."""
-    along = np.concatenate([[0.0], np.cumsum(np.nan_to_num(ways_along(*coordinates)))])
+def rows_along(ways: Floats) -> Rows:
+    """Return the rows of a curve that a picture tells apart, by the ways from row to row, with both ends and gaps."""
+    along = np.concatenate([[0.0], np.cumsum(np.nan_to_num(ways))])
     marks = np.floor(along / max(FINEST, along[-1] / MOST_ALONG))
-    is_shown = np.concatenate([[True], np.diff(marks) > 0.0])
+    is_shown = np.concatenate([[True], (np.diff(marks) > 0.0) | np.isnan(ways)])
     is_shown[-1] = True
-    return np.flatnonzero(is_shown | np.isnan(np.sum(coordinates, axis=0)))
+    return np.flatnonzero(is_shown)
 
 
 def curve_in_plane(run: xr.Dataset, x: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -348,7 +348,7 @@ def curve_in_plane(run: xr.Dataset, x: Floats, y: Floats) -> tuple[Floats, Float
         return x, y
     ways = ways_along(x, y)
     if STEPS not in run.coords and np.nanmedian(ways) <= LEAP:
-        rows = rows_along(x, y)
+        rows = rows_along(ways)
         return x[rows], y[rows]
     breaks = 1 + np.flatnonzero((ways > LEAP) | (STEPS not in run.coords))
     return np.insert(x, breaks, np.nan), np.insert(y, breaks, np.nan)

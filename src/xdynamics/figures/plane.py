@@ -29,6 +29,7 @@ from xdynamics.figures.curves import (
     recorded_model,
     refined_line,
     rows_along,
+    ways_along,
     with_role,
 )
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
@@ -428,7 +429,13 @@ def draw_space(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
     frame = frame_of([path.points for path in bodies], [path.times for path in bodies])
     for path, colour in zip(bodies, colours_of(view), strict=True):
         points = frame.points_inside(path.points) if frame.leaving else path.points
-        solid.plot(*points[:, rows_along(*points)], "-", color=colour, linewidth=1.0, label=escaped_text(path.label))
+        solid.plot(
+            *points[:, rows_along(ways_along(*points))],
+            "-",
+            color=colour,
+            linewidth=1.0,
+            label=escaped_text(path.label),
+        )
         solid.plot(*points[:, :1], "o", color=colour, markersize=4)
     names = {escaped_text(path.label) for path in view if path.body}
     if 0 < len(names) <= MOST_NAMED and not names <= named_elsewhere(solid):

@@ -1,6 +1,6 @@
 """Phases: functions of a run that are compiled apart from those that call them, and return what they find.
 
-One is declared where it is written, with the part of the engine that has it (`engine.PARTS`), and called as any function.
+A phase is declared where it is written, with the part of the engine that has it (`engine.PARTS`), and called as any function.
 In compiled code the call goes by the address that `run.phases` has of it, so that no caller compiles it again, and a part
 that no model needs is never made. Nothing is passed but the run, perhaps a number, and the result.
 """

@@ -110,9 +110,7 @@ def _row_cells(row: tuple[Any, ...]) -> list[str]:
 
 
 LARGEST_TABLE = 50_000_000  # bytes
-LARGEST_UNPACKED = (
-    50_000_000  # bytes of all parts of a workbook: of its cells openpyxl makes objects, ten times as large
-)
+LARGEST_UNPACKED = 50_000_000  # bytes of all parts of a workbook, of which openpyxl makes objects ten times as large
 LAST_ROW = 1 << 20  # of a sheet of Excel
 MOST_TAGS = 8 << 14  # of a row: cells of all columns that Excel has, with what is in them
 _ROW = re.compile(rb"<(?:[A-Za-z0-9_]+:)?row\b")

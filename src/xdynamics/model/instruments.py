@@ -16,8 +16,9 @@ Rigol      DS1000Z: ``X,CH1,Start,Increment``, below it ``Sequence,Volt,-1e-3,1e
 RASP       ``.eng``, thrust of a rocket motor: comments from semicolons, seven words on the motor, then seconds and newtons;
            the first point (0, 0) is not written (https://www.thrustcurve.org/info/raspformat.html).
 TOA5       Campbell's loggers: four lines first, of which the second has the names and the third the units.
-others     Lines before a header, a header in a comment, and units in a line of their own below the names: ``Time,Channel A``, ``(ms),(V)``. So are
-           Tracker's, a line with the name of the track and ``t  x  y``, whose units are said by the key `units`.
+others     Lines before a header, a header in a comment, and units in a line of their own below the names:
+           ``Time,Channel A``, ``(ms),(V)``. So are Tracker's, a line with the name of the track and ``t  x  y``, whose units
+           are said by the key `units`.
 ========== ==========================================================================================================
 
 phyphox writes a table with units already: ``"Time (s)";"Acceleration x (m/s^2)"``, with commas, semicolons or tabs.
