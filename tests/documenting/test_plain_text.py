@@ -9,6 +9,7 @@ The glossary names what records and evidence hold, and says what a verdict on co
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -99,10 +100,15 @@ def test_fate_of_switches_is_that_of_a_run(points: int, fate: str) -> None:
     assert settings_for(model, method="dop853", until="1 s").switches == fate
 
 
+def _listed_methods(lines: Iterable[str]) -> set[str]:
+    listed = [line.partition(": ")[2] for line in lines if line.startswith("methods ")]
+    return {item.split()[0] for line in listed for item in line.split(", ")}
+
+
 def test_methods_that_take_delays_are_those_that_march_them() -> None:
     """Assert that a method is offered for delayed values just where settings with it are accepted."""
     model = xd.Model.from_text(LATE)
-    offered = {line.split()[1].rstrip(":") for line in model_lines(model) if line.startswith("method ")}
+    offered = _listed_methods(model_lines(model))
     accepted = set()
     for name in METHODS:
         try:
@@ -132,13 +138,13 @@ KINDS = {
 def test_methods_that_take_a_model_are_those_that_begin(name: str) -> None:
     """Assert that a method is listed where a march by it begins, and refused with the same reason where none does."""
     model = xd.Model.from_toml(f"data/models/{name}.toml")
-    told = [line.split(maxsplit=1) for line in model_lines(model) if line.startswith(("method ", "not by "))]
-    listed = {line.partition(":")[0] for key, line in told if key == "method"}
+    lines = [*model_lines(model)]
+    listed = _listed_methods(lines)
     reasons = {
         one: reason
-        for key, line in told
-        if key == "not"
-        for names, _, reason in [line.removeprefix("by").strip().partition(": ")]
+        for line in lines
+        if line.startswith("not by ")
+        for names, _, reason in [line.removeprefix("not by").strip().partition(": ")]
         for one in names.split(", ")
     }
     assert listed | reasons.keys() == METHODS.keys()

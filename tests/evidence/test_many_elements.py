@@ -308,8 +308,8 @@ def test_a_checked_model_of_many_bodies_is_told_as_it_is_written(monkeypatch: py
     """Assert that forces and functions of very many terms are not written out, nor their derivatives sought."""
     few = [*model_lines(xd.Model.from_text(TOLD_BODIES.format(n=3)))]
     assert sum(line.startswith("force     gravity of r[") for line in few) == 6
-    assert any(line.startswith("scales    fastest") for line in few)
-    monkeypatch.setattr("xdynamics.documenting.plain_text.modes", pytest.fail)
+    assert any(line.startswith("scales    at the start: fastest time constant") for line in few)
+    monkeypatch.setattr("xdynamics.documenting.plain_text.checked_linearisation", pytest.fail)
     many = [*model_lines(xd.Model.from_text(TOLD_BODIES.format(n=120)))]
     assert "force     gravity by the potential -G*m*m/norm(second(r, pair) - first(r, pair), axis) of each pair" in many
     assert "event     far: max(norm(r, axis), body) - 1000*metre = 0, either: record" in many

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from xdynamics.documenting.plain_text import COUNTED, equation_lines, spectrum_of
+from xdynamics.documenting.plain_text import COUNTED, check_can_be_linearised, equation_lines
 from xdynamics.documenting.summary import summary_data
+from xdynamics.evidence.modes import modes
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
@@ -84,7 +85,8 @@ def _model_data(model: Model) -> dict[str, Any]:
     """Return the result of `check` for a model."""
     elements = model.elements
     try:
-        scales: dict[str, Any] = _full_record_data(spectrum_of(model), MODES)
+        check_can_be_linearised(model)
+        scales: dict[str, Any] = _full_record_data(modes(model), MODES)
     except InputError as error:
         scales = {"kind": MODES, "unknown": str(error)}
     return {

@@ -7,9 +7,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain, groupby
 from operator import itemgetter
-from typing import TYPE_CHECKING
 
-from xdynamics.evidence.modes import modes
 from xdynamics.expressions import Node, size, text_of
 from xdynamics.expressions.latex import printed_simply
 from xdynamics.faults import InputError, display_text
@@ -17,6 +15,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.kernels.newton_matrix import is_compressed, pattern_of
 from xdynamics.march.contact_failures import OVER_IMPACTS, marches_over_impacts
 from xdynamics.methods import METHODS
+from xdynamics.methods.method import Method
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
 from xdynamics.model.body_reading import body_entries
@@ -26,7 +25,7 @@ from xdynamics.model.controllers import controller_states, limited_value
 from xdynamics.model.entries import COULOMB
 from xdynamics.model.joint_sections import HINGE, SLIDER
 from xdynamics.model.joints import made_by_joints, tables_of_joint
-from xdynamics.model.linearisation import is_densely_linked
+from xdynamics.model.linearisation import initial_state, is_densely_linked
 from xdynamics.model.parts import Contact, Function
 from xdynamics.model.switches import (
     MANY_POINTS,
@@ -39,10 +38,9 @@ from xdynamics.model.switches import (
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
 from xdynamics.shapes.naming import split_element_name
+from xdynamics.stability.first_events import first_event
+from xdynamics.stability.spectrum import Spectrum, checked_linearisation
 from xdynamics.units import Quantity, unit_suffix
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 COUNTED = (
     "coordinates",
@@ -65,6 +63,7 @@ MOST_NODES = 400  # of the expression of an element, which is told as it is writ
 MOST_DERIVATIVES = 20_000  # of forces by the state, up to which time scales are sought
 MOST_OF_WHOLES = 100_000  # where links far outnumber bodies: derivatives are found for all of them at once
 MOST_UNKNOWNS = 2_000  # accelerations and rates, of whose matrix eigenvalues are sought
+STEPS_TO_AN_EVENT = 5  # to begin with: as many as a twentieth of a period is of its quarter
 HEAP = 50  # bodies that rub against each other: a march that locates every impact of theirs hardly ends
 
 Line = tuple[
@@ -311,13 +310,13 @@ def _constraint_lines(model: Model) -> Iterator[str]:
         yield f"constraint {name} {word}: {printed_simply(constraint.condition)} = 0{shared}"
 
 
-def spectrum_of(model: Model) -> xr.Dataset:
-    """Return the modes about the start, of a model whose forces have not very many derivatives.
+def check_can_be_linearised(model: Model) -> None:
+    """Refuse to find the modes of a model whose forces have very many derivatives: it takes long.
 
     Raises
     ------
     InputError
-        If they have, or the model cannot be linearised at the start.
+        If they have.
     """
     layout = layout_of(model)
     if (unknowns := layout.used.size - layout.coordinates.size) > MOST_UNKNOWNS:
@@ -329,36 +328,59 @@ def spectrum_of(model: Model) -> xr.Dataset:
         raise InputError(
             f"the forces have {count} derivatives by the state, over {max_derivatives}; xd.modes(model) takes its time"
         )
-    return modes(model)
 
 
 def _time_scale_lines(model: Model) -> Iterator[str]:
-    """Report time scales and suitable steps at the start, or why they are unknown there."""
+    """Report time scales and the step to begin with, or why they are unknown at the start."""
     steps: dict[str, float] = {}
     second = unit_suffix(model.time_unit)
+    taking = {name: method for name, method in METHODS.items() if not method.refusals(model)}
     try:
-        spectrum = spectrum_of(model)
+        check_can_be_linearised(model)
+        start = initial_state(model)
+        linearisation = checked_linearisation(model, start)
+        spectrum, (event, delay) = Spectrum.of(model, linearisation), first_event(model, start, linearisation)
     except InputError as error:
         yield f"scales    not known at the start: {error}"
     else:
-        periods = [f"{period:.4g}{second}" for period in spectrum["period"].values if 0.0 < period < float("inf")]
-        fastest = float(spectrum["fastest_time_scale"])
-        scale = (
-            f"fastest {fastest:.4g}{second}" if fastest < float("inf") else "none at the start: nothing turns or decays"
+        periods = [f"{period:.4g}{second}" for period in spectrum.period.tolist() if 0.0 < period < float("inf")]
+        turning = (
+            f"fastest {spectrum.fastest:.4g}{second}" if spectrum.fastest < float("inf") else "nothing turns or decays"
         )
-        yield f"scales    {scale}{'; periods ' if periods else ''}{', '.join(periods[:4])}"
-        steps = dict(zip(METHODS, spectrum["suggested_step"].values.tolist(), strict=True))
+        words = [turning, *([f"periods {', '.join(periods[:4])}"] if periods else [])]
+        words += [f"{event} after about {delay:.3g}{second}"] if event else []
+        yield f"scales    at the start: {'; '.join(words)}"
+        steps = {
+            name: min(spectrum.suggested_step(method, model), delay / STEPS_TO_AN_EVENT)
+            for name, method in taking.items()
+        }
+    yield from _method_lines(model, taking)
+    yield from _first_step_lines(steps, second)
+    yield from _heap_advice(model)
+
+
+def _method_lines(model: Model, taking: Mapping[str, Method]) -> Iterator[str]:
+    """List the methods that take a model with their orders, and why others do not."""
+    for label, chooses in (("methods   by a step that is given", False), ("methods   that choose their steps", True)):
+        if names := [f"{name} {method.order}" for name, method in taking.items() if bool(method.estimate) is chooses]:
+            yield f"{label} (with order): {', '.join(names)}"
     refused: dict[str, list[str]] = {}
     for name, method in METHODS.items():
-        if reasons := method.refusals(model):
-            refused.setdefault("; ".join(reasons), []).append(name)
-            continue
-        suggested = steps.get(name, float("nan"))
-        step = "" if not 0.0 < suggested < float("inf") else f", a step of {suggested:.2g}{second} to begin with"
-        yield f"method    {name}: order {method.order}{', chooses steps' if method.estimate else ''}{step}"
+        if name not in taking:
+            refused.setdefault("; ".join(method.refusals(model)), []).append(name)
     for reason, names in refused.items():
         yield f"not by    {', '.join(names)}: {reason}"
-    yield from _heap_advice(model)
+
+
+def _first_step_lines(steps: Mapping[str, float], second: str) -> Iterator[str]:
+    """Tell the step to begin with, the one of most methods first."""
+    by_step: dict[str, list[str]] = {}
+    for name, step in steps.items():
+        if 0.0 < step < float("inf"):
+            by_step.setdefault(f"{float(f'{step:.2g}'):g}", []).append(name)
+    for k, (step_text, names) in enumerate(sorted(by_step.items(), key=lambda item: -len(item[1]))):
+        whose = f" by {', '.join(names)}" if k else ""
+        yield f"step      {step_text}{second} to begin with{whose}"
 
 
 def _heap_advice(model: Model) -> Iterator[str]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -19,28 +18,20 @@ from xdynamics import archive, record, schema
 from xdynamics.evidence.evidence_dataset import evidence_dataset
 from xdynamics.evidence.stage_tasks import Task, setting_words
 from xdynamics.evidence.stages import Stage, is_lazy, task_of_runs
-from xdynamics.expressions import text_of
-from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.linearisation import (
-    Linearisation,
-    count_of_changes,
-    free_coordinates,
-    independent_counts,
     initial_state,
-    linearise,
 )
-from xdynamics.model.motion import constants, variables
+from xdynamics.model.motion import variables
 from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.schemas import log_description
 from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.fork_safety import one_blas_thread
 from xdynamics.schema import STEPS, Variable
-from xdynamics.stability import LinearSystem, NormalModes, decay_limit, oscillator_limit, stable_step_of
-from xdynamics.stability.normal_modes import MANY
+from xdynamics.stability.spectrum import Spectrum, StepLimits, checked_linearisation
 from xdynamics.units import NONE, NUMBERS, Unit, parse_unit, spell, unit_suffix
 
 
@@ -119,8 +110,6 @@ def replacements(model: Model, replaced_values: Mapping[str, Any] | None) -> dic
 Floats = NDArray[np.float64]
 
 MODES, EIGENVALUES, BY_METHOD = "mode", "eigenvalue", "method"
-MOST_SHOWN = 4  # rows of a matrix in a message
-RIGID = 1e-13  # squares of frequencies below this fraction of the largest are zero but for round-off
 SUGGESTION = (
     "the lesser of T/20 and half the largest step with which no mode grows by more than a hundredth in T, where T is"
     " the shortest 2 pi/|eigenvalue| of those that oscillate or grow, and of decays alone the longest; a start for a"
@@ -184,78 +173,30 @@ def modes(
         title, known_names = f"the state at t = {state['t']!r}{unit_suffix(model.time_unit)}", ["time", *state]
         linearised = partial(_linearised_modes, model, state, title, runs)
         task = Task.of("modes", linearised, (), model.digest, setting_words(state), runs)
-    stage = Stage(task, lambda: _modes_dataset(model, state, title, Spectrum.blank(model), runs), known_names)
+    blank = Spectrum.blank(model), StepLimits.blank()
+    stage = Stage(task, lambda: _modes_dataset(model, state, title, *blank, runs), known_names)
     return stage.result(compute=compute)
 
 
 @one_blas_thread()
 def _linearised_modes(model: Model, state: Mapping[str, float], title: str, runs: Sequence[str]) -> xr.Dataset:
-    linearisation = linearise(model, dict(state))
-    _check_state(model, linearisation, state)
-    _check_finite(model, linearisation, state["t"])
-    return _modes_dataset(model, state, title, Spectrum.of(model, linearisation), runs)
-
-
-@dataclass(frozen=True)
-class Spectrum:
-    """Eigenvalues, modes and time scales of a linearisation.
-
-    Attributes
-    ----------
-    frequency, period : ndarray, shape (modes,)
-    shapes : ndarray, shape (coordinates, modes)
-    eigenvalues : ndarray of complex, shape (variables,)
-    limits : ndarray, shape (2, methods)
-        Of an oscillation, and of a decay.
-    stable, suggested : ndarray, shape (methods,)
-    """
-
-    frequency: Floats
-    period: Floats
-    shapes: Floats
-    eigenvalues: NDArray[np.complex128]
-    limits: Floats
-    stable: Floats
-    suggested: Floats
-
-    @classmethod
-    def of(cls, model: Model, linearisation: Linearisation) -> Spectrum:
-        """Return the eigenvalues of a linearised model, with the largest stable step of each method."""
-        jacobian, space = linearisation.reduced, linearisation.displacements
-        normal = NormalModes.from_matrices(*linearisation.displacement_matrices)
-        squares, shapes = _squares_and_shapes(normal, space)
-        free = len(space) == space.shape[1]
-        clean = replace(normal, squares=squares) if free and len(squares) >= MANY else None
-        eigenvalues = np.linalg.eigvals(jacobian) if clean is None else clean.eigenvalues(jacobian)
-        eigenvalues = eigenvalues.astype(np.complex128)[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
-        real = np.where((squares.imag == 0.0) & (squares.real >= 0.0), squares.real, np.nan)
-        frequency = np.sqrt(real)
-        period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
-        methods, scale = list(METHODS.values()), _resolved_time(eigenvalues)
-        system = LinearSystem.from_jacobian(jacobian, free_coordinates(model), eigenvalues, clean)
-        stable = np.array([stable_step_of(system, method, model) for method in methods])
-        growing = [stable_step_of(system, method, model, growth=0.01 / scale) for method in methods]
-        suggested = np.minimum(scale / 20.0, np.array(growing) / 2.0)  # nan where the method refuses the model
-        limits = np.array([[limit(method) for method in methods] for limit in (oscillator_limit, decay_limit)])
-        return cls(frequency, period, shapes, eigenvalues, limits, stable, suggested)
-
-    @classmethod
-    def blank(cls, model: Model) -> Spectrum:
-        """Return one of the right sizes, before anything is computed."""
-        n = len(model.elements.statement.coordinates)
-        modes, methods = np.full(n - independent_counts(model)[0], np.nan), np.full(len(METHODS), np.nan)
-        eigenvalues = np.full(count_of_changes(model), np.nan, np.complex128)
-        return cls(modes, modes, np.tile(modes, (n, 1)), eigenvalues, np.tile(methods, (2, 1)), methods, methods)
+    spectrum = Spectrum.of(model, checked_linearisation(model, state))
+    return _modes_dataset(model, state, title, spectrum, StepLimits.of(model, spectrum), runs)
 
 
 def _modes_dataset(
-    model: Model, state: Mapping[str, float], title: str, spectrum: Spectrum, runs: Sequence[str]
+    model: Model,
+    state: Mapping[str, float],
+    title: str,
+    spectrum: Spectrum,
+    limits: StepLimits,
+    runs: Sequence[str],
 ) -> xr.Dataset:
     filled = [
         *_state_variables(model, state),
         *_undamped(model, spectrum),
         *_eigenvalues(model, spectrum.eigenvalues),
-        *_stability_limits(model, spectrum),
+        *_stability_limits(model, limits),
     ]
     attributes = {
         "summary": f"Linearisation about {title}",
@@ -264,43 +205,6 @@ def _modes_dataset(
     }
     variables = {variable.name: (variable.dims, values, variable.attributes) for variable, values in filled}
     return evidence_dataset("modes", f"Modes of {model.name}", runs, variables, attributes, shapes=model.shapes)
-
-
-def _check_state(model: Model, linearisation: Linearisation, state: Mapping[str, float]) -> None:
-    """Refuse a state at which a drive has no value or the mass matrix is not positive definite."""
-    for name, drive in model.elements.drives.items():
-        low, high = float(drive.table.argument[0]), float(drive.table.argument[-1])
-        drive_argument = evaluate(model.elements.expanded(drive.argument), {**constants(model), **state})
-        if drive.outside == "error" and not low <= drive_argument <= high:
-            raise InputError(
-                f"model '{model.name}' cannot be linearised: drive '{name}' has no value at {text_of(drive.argument)} ="
-                f" {drive_argument:.15g}, its table reaches from {low:.15g} to {high:.15g} (SI units)"
-            )
-    try:
-        np.linalg.cholesky(linearisation.mass)
-    except np.linalg.LinAlgError:
-        raise InputError(
-            f"model '{model.name}' cannot be linearised at t = {state['t']!r}{unit_suffix(model.time_unit)}: its mass matrix"
-            f" {_mass_matrix_text(linearisation.mass)} is not positive definite there"
-        ) from None
-
-
-def _mass_matrix_text(mass: Floats) -> str:
-    """Show a mass matrix, a large one by its size and least eigenvalue."""
-    if len(mass) <= MOST_SHOWN:
-        return str(mass.tolist())
-    return f"of {len(mass)} rows, least eigenvalue {np.linalg.eigvalsh(mass)[0]:.6g} (SI units),"
-
-
-def _check_finite(model: Model, linearisation: Linearisation, t: float) -> None:
-    wrong = np.argwhere(~np.isfinite(linearisation.jacobian))
-    if wrong.size:
-        i, j = (int(index) for index in wrong[0])
-        raise InputError(
-            f"model '{model.name}' cannot be linearised at t = {t!r}{unit_suffix(model.time_unit)}: the rate of"
-            f" {linearisation.names[i]} has the derivative {linearisation.jacobian[i, j]} by {linearisation.names[j]};"
-            " choose another state with at=… or row=…"
-        )
 
 
 def _state_variables(model: Model, state: Mapping[str, float]) -> list[tuple[Variable, Any]]:
@@ -351,17 +255,6 @@ def _undamped(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
     return result
 
 
-def _squares_and_shapes(normal: NormalModes, space: Floats) -> tuple[NDArray[np.complex128], Floats]:
-    """Return squares of frequencies without round-off, and shapes as columns, the largest number of each 1."""
-    n, squares, shapes = len(normal.squares), normal.squares.copy(), space @ normal.shapes
-    if n == 0:
-        return squares, space
-    squares[np.abs(squares) <= n * RIGID * np.abs(squares).max()] = 0.0
-    squares.imag[np.abs(squares.imag) <= n * RIGID * np.abs(squares).max()] = 0.0
-    largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(n)]
-    return squares, shapes / largest
-
-
 def _eigenvalues(model: Model, eigenvalues: NDArray[np.complex128]) -> list[tuple[Variable, Any]]:
     """Return the eigenvalues of the Jacobian, the slowest first, and the time scale of the fastest."""
     comment = {"comment": "negative decays, positive grows"}
@@ -384,7 +277,7 @@ def _eigenvalues(model: Model, eigenvalues: NDArray[np.complex128]) -> list[tupl
     return [(real, eigenvalues.real), (imag, eigenvalues.imag), (scale, 1.0 / size if size else np.inf)]
 
 
-def _stability_limits(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
+def _stability_limits(model: Model, limits: StepLimits) -> list[tuple[Variable, Any]]:
     """Return the stability limits of each method: in general, and at this state."""
     names = schema.flag_attributes(dict(enumerate(METHODS)))
 
@@ -403,7 +296,7 @@ def _stability_limits(model: Model, spectrum: Spectrum) -> list[tuple[Variable, 
                 "largest stable step over 1/w of an undamped oscillation",
                 "0: every step makes it grow; inf: none does",
             ),
-            spectrum.limits[0],
+            limits.oscillator,
         ),
         (
             method_variable(
@@ -412,7 +305,7 @@ def _stability_limits(model: Model, spectrum: Spectrum) -> list[tuple[Variable, 
                 "largest stable step over the time of a decay",
                 "inf: every step is stable; nan: the method refuses such a term",
             ),
-            spectrum.limits[1],
+            limits.decay,
         ),
         (
             method_variable(
@@ -422,20 +315,10 @@ def _stability_limits(model: Model, spectrum: Spectrum) -> list[tuple[Variable, 
                 "0: none; inf: every step; nan: the method refuses the model; an estimate for over 128 coordinates whose damping joins"
                 " modes: of the 128 modes nearest to growth",
             ),
-            spectrum.stable,
+            limits.stable,
         ),
-        (method_variable("suggested_step", model.time_unit.text, "suggested step", SUGGESTION), spectrum.suggested),
+        (method_variable("suggested_step", model.time_unit.text, "suggested step", SUGGESTION), limits.suggested),
     ]
-
-
-def _resolved_time(eigenvalues: NDArray[np.complex128]) -> float:
-    """Return the time that a step must resolve: of the fastest oscillation or growth, else of the slowest decay."""
-    sizes = np.abs(eigenvalues)
-    moving = sizes > 0.0
-    lively = moving & (eigenvalues.real > -np.abs(eigenvalues.imag))
-    if lively.any():
-        return float(2.0 * np.pi / sizes[lively].max())
-    return float(2.0 * np.pi / sizes[moving].min()) if moving.any() else np.inf
 
 
 def _si_unit(model: Model, name: str) -> Unit:

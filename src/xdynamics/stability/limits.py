@@ -110,14 +110,21 @@ def stable_step(model: Model, method: Method, state: Mapping[str, float], *, gro
 
 
 @one_blas_thread()
-def stable_step_of(system: LinearSystem, method: Method, model: Model, *, growth: float = 0.0) -> float:
-    """Return the largest stable step for the changes that satisfy constraints, from their linear system."""
+def stable_step_of(
+    system: LinearSystem, method: Method, model: Model, *, growth: float = 0.0, at_most: float = np.inf
+) -> float:
+    """Return the largest stable step for the changes that satisfy constraints, from their linear system.
+
+    Steps over `at_most` need not be looked at, which saves the greater part of the work: a step over it means that all
+    below it are stable.
+    """
     follows = treats_alike(method) or bool(len(system.acceleration)) or not model.constraints
     if method.refusals(model) or not (follows and np.isfinite(system.fastest)):
         return float(np.nan)
     if system.fastest == 0.0:
         return np.inf
-    growing_limit, step = _growing_limit(method, system), largest_step(method, system, growth / system.fastest)
+    growing_limit = _growing_limit(method, system)
+    step = largest_step(method, system, growth / system.fastest, at_most * system.fastest)
     return (min(step, growing_limit) if growing_limit > 0.0 else step) / system.fastest
 
 
@@ -227,7 +234,7 @@ def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]
     return limited / len(stepped)
 
 
-def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> float:
+def largest_step(method: Method, system: LinearSystem, rate: float = 0.0, at_most: float = np.inf) -> float:
     """Return the largest step below which no mode grows that does not grow in the system itself.
 
     Parameters
@@ -236,6 +243,8 @@ def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> flo
     system : LinearSystem
     rate : float
         Rate of growth that is tolerated, over the fastest eigenvalue.
+    at_most : float
+        The step up to which the search goes, in the unit of the result.
 
     Returns
     -------
@@ -249,20 +258,21 @@ def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> flo
     128 coordinates within the 128 modes that are nearest to growth without what joins them (Rayleigh and Ritz).
     """
     creeping = rate > 0.0
+    search = partial(_largest_step, creeping=creeping, at_most=at_most)
     if treats_alike(method):
         examined_values = system.eigenvalues[~system.growing & (system.eigenvalues != 0.0)]
         if examined_values.size >= MANY:  # of a pair, one has the factors of both
             examined_values = np.unique(examined_values.real + 1j * np.abs(examined_values.imag))
-        return _largest_step(partial(_growth_along, method, examined_values, rate), 1.02, creeping=creeping)
+        return search(partial(_growth_along, method, examined_values, rate), 1.02)
     if system.squares is not None and np.all(np.abs(system.squares.imag) < AT_REST):
         fastest = float(np.max(system.squares.real, initial=0.0)) ** 0.5
         return _oscillator_limit(method, rate / fastest) / fastest if fastest > SLOWEST else np.inf
     if system.modes is not None:
-        return _largest_step(partial(_growth_of_modes, method, system.modes, rate), 1.02, creeping=creeping)
+        return search(partial(_growth_of_modes, method, system.modes, rate), 1.02)
     if system.uncoupled is not None and len(system.acceleration) >= FEW_MODES:
         return _joined_limit(method, system, system.uncoupled, rate)
     ratio = 1.02 if len(system.eigenvalues) <= 16 else 1.1
-    return _largest_step(partial(_relative_growth, method, system, rate), ratio, creeping=creeping)
+    return search(partial(_relative_growth, method, system, rate), ratio)
 
 
 @cache
@@ -315,14 +325,14 @@ def _oscillator_limit(method: Method, rate: float) -> float:
     return _largest_step(partial(_relative_growth, method, OSCILLATOR, rate), 1.02, creeping=True)
 
 
-def _largest_step(growth: Growth, ratio: float, *, creeping: bool) -> float:
-    """Find the smallest step with growth.
+def _largest_step(growth: Growth, ratio: float, *, creeping: bool, at_most: float = np.inf) -> float:
+    """Find the smallest step with growth; inf if none up to `at_most` has.
 
     Steps in a fixed ratio are tried before bisection: instability over a narrower range can be missed. Unless growth
     may be creeping, growth that rises slowly out of round-off was present at every smaller step: the limit is zero.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # an overflow counts as growth
-        low, high = _stability_bracket(growth, ratio)
+        low, high = _stability_bracket(growth, ratio, at_most)
         if low == 0.0 or high == np.inf:
             return low
         low, high = _bisect_bracket(growth, low, high)
@@ -345,10 +355,14 @@ def _bisect_bracket(growth: Growth, low: float, high: float) -> tuple[float, flo
     return low, high
 
 
-def _stability_bracket(growth: Growth, ratio: float) -> tuple[float, float]:
-    """Return a stable step and the unstable one next to it; (0, …) if none is stable, (inf, inf) if all are."""
+def _stability_bracket(growth: Growth, ratio: float, at_most: float) -> tuple[float, float]:
+    """Return a stable step and the unstable one next to it; (0, …) if none is stable, (inf, inf) if all are that are tried.
+
+    The first step over `at_most` is the last that is tried.
+    """
     fine = np.geomspace(FINER, LARGEST, 2 + int(np.log(LARGEST / FINER) / np.log(ratio)))
     tried = np.concatenate([np.geomspace(SMALLEST, FINER, 20)[:-1], fine])
+    tried = tried[: np.searchsorted(tried, at_most) + 1]
     for first in range(0, len(tried), CHUNK):
         unstable = np.flatnonzero(growth(tried[first : first + CHUNK]) > 1.0)
         if unstable.size:
