@@ -345,7 +345,9 @@ def _time_scale_lines(model: Model) -> Iterator[str]:
     else:
         periods = [f"{period:.4g}{second}" for period in spectrum.period.tolist() if 0.0 < period < float("inf")]
         turning = (
-            f"fastest {spectrum.fastest:.4g}{second}" if spectrum.fastest < float("inf") else "nothing turns or decays"
+            f"fastest time constant {spectrum.fastest:.4g}{second}"
+            if spectrum.fastest < float("inf")
+            else "nothing turns or decays"
         )
         words = [turning, *([f"periods {', '.join(periods[:4])}"] if periods else [])]
         words += [f"{event} after about {delay:.3g}{second}"] if event else []
