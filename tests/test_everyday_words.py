@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.cli import main
+from xdynamics.documenting.manual import manual_text
 
 BALL = str(MODELS / "ball_drag.toml")
 SPRING: dict[str, Any] = {
@@ -78,7 +80,7 @@ def test_expressions_as_textbooks_write_them(sections: dict[str, Any], said: str
         ("restitution", "help contacts"),
         ("spring", "help shapes"),
         ("rejected", "help record"),
-        ("netcdf", "help runs"),
+        ("netcdf", "help running"),
         ("dask", "help cluster"),
         ("phase", "help events"),
         ("quickstart", "First steps"),
@@ -96,20 +98,16 @@ def test_help_finds_words_of_textbooks(word: str, page: str) -> None:
 
 def test_first_steps_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that each command of the page, and its lines of Python, do what they say in an empty folder."""
-    from xdynamics.documenting.guide import FIRST_STEPS
-
     monkeypatch.chdir(tmp_path)
-    lines = FIRST_STEPS.splitlines()
-    commands = [line.split("  ")[1].split() for line in lines if line.startswith("  xdynamics ")]
+    shell, python = re.findall(r"```(?:sh|python)\n(.*?)```", manual_text("first.md"), re.DOTALL)
+    commands = [line.partition("#")[0].split() for line in shell.splitlines()]
     verbs = "new check run show plot refine diagnose table reproduce"
     assert " ".join(command[1] for command in commands) == verbs
     for command in commands:
         done = CliRunner().invoke(main, command[1:])
         assert done.exit_code == 0, (command, done.output)
-    begin = lines.index("  import xdynamics as xd")
-    python = [line.strip() for line in lines[begin : begin + 7]]
     scope: dict[str, Any] = {}
-    exec("\n".join(line for line in python if ".plot(" not in line), scope)
+    exec("\n".join(line for line in python.splitlines() if ".plot(" not in line), scope)
     assert scope["run"].sizes["step"] > 10
 
 

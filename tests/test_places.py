@@ -98,7 +98,7 @@ def test_a_store_of_others_is_left_alone(tmp_path: Path) -> None:
             xd.InputError, match=rf"{version}.zarr' holds '.*', and no record of xdynamics; name another place"
         ):
             VERBS["sweep"](str(place))
-        with pytest.raises(xd.InputError, match=rf"{version}.zarr' holds no sweep: .*; name what sweep marched into"):
+        with pytest.raises(xd.InputError, match=rf"{version}.zarr' holds no sweep: .*; name what sweep wrote into"):
             xd.open_sweep(place)
         assert {entry: entry.read_bytes() for entry in place.rglob("*") if entry.is_file()} == before
 

@@ -108,7 +108,7 @@ KEYWORDS = {
         Keyword("event_root_method", EVENTS, WORD, "how events are located; the last as version 0.2 did", "earliest first", "", '"earliest first" | "earliest first by Hermite" | "one by one"'),
         Keyword("event_start", EVENTS, WORD, "what becomes of stops, switches and resets that stand at zero at the start, or where another acts; the second as older archives did", "judged", "", '"judged" | "waiting"', "solver_event_start"),
         Keyword("sliding", EVENTS, WORD, "what becomes of a motion that both sides drive back to a switch: it slides along it (Filippov 1988), or ends as in older archives", "Filippov", "", '"Filippov" | "ends"', "solver_sliding"),
-        Keyword("scales", ARITHMETIC, SCALES, "length, time or mass scale of the nondimensional variables to march in", "SI units", '{ length = "0.5 m" }', "table of length, time, mass", "", "--scale", "NAME=VALUE"),
+        Keyword("scales", ARITHMETIC, SCALES, "length, time or mass scale of the nondimensional variables to compute in", "SI units", '{ length = "0.5 m" }', "table of length, time, mass", "", "--scale", "NAME=VALUE"),
         Keyword("summation", ARITHMETIC, WORD, "whether rounding is carried to the next update", "compensated for symplectic methods", '"plain"', '"compensated" | "plain"'),
         Keyword("precision", ARITHMETIC, WORD, "kind of every number: one float, or an unevaluated sum of two with 31 digits", "float64", '"double_double"', '"float64" | "double_double"'),
         Keyword("jacobian", ARITHMETIC, WORD, "where radau_iia has the derivatives of the forces from", "exact", '"exact"', '"exact" | "differences"', "solver_jacobian"),

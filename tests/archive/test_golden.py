@@ -153,7 +153,7 @@ def test_a_thinned_run_of_schema_1_is_edited_and_derived(tmp_path: Path) -> None
     edited = run.assign(y=run.y * 2)
     with pytest.raises(xd.InputError, match="row 0 of 'step', with .* is none of the run's rows"):
         xd.save(edited, tmp_path / "run.nc")
-    with pytest.raises(xd.InputError, match="y: edited since the run was marched"):
+    with pytest.raises(xd.InputError, match="y: edited since the run was computed"):
         edited.dynamics.at(float(run.time[2]))
     xd.save(edited, tmp_path / "derived.nc", derived="y doubled")
     opened = xd.open_run(tmp_path / "derived.nc")

@@ -423,7 +423,7 @@ def test_a_sweep_is_one_process_s(place: Address) -> None:
     asked: dict[str, Any] = {"axes": {"k": "1:2:3 N m-1"}, **ASKED}
 
     def also(*_: Any) -> None:
-        with pytest.raises(xd.InputError, match="another process marches into '.*grid'; wait for it"):
+        with pytest.raises(xd.InputError, match="another process writes into '.*grid'; wait for it"):
             xd.sweep(MODEL, **asked, path=str(folder))
         raise KeyError("as the test asks")
 

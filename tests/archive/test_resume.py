@@ -178,7 +178,7 @@ def test_a_second_process_does_not_end_the_run(often: None, tmp_path: Path, monk
 
     monkeypatch.setattr(segments.Segments, "keep", kept)
     with pytest.warns(
-        xd.ResumeWarning, match="can be kept: another process marches into it too; the run goes on"
+        xd.ResumeWarning, match="can be kept: another process writes into it too; the run goes on"
     ) as told:
         xd.simulate(PENDULUM, **ASKED, path=tmp_path / "run.nc")
     assert len(told) == 1
@@ -324,7 +324,7 @@ def test_nothing_to_resume(tmp_path: Path) -> None:
     """Assert that it is said, and the run made; that a whole one is left as it is; and where resume has no place."""
     path = tmp_path / "run.nc"
     with pytest.warns(
-        xd.ResumeWarning, match=r"there are no segments of '.*run.nc' to go on from: it is marched from its start"
+        xd.ResumeWarning, match=r"there are no segments of '.*run.nc' to go on from: it is computed from its start"
     ):
         xd.simulate(PENDULUM, **ASKED, path=path, resume=True)
     before = path.stat()
@@ -366,7 +366,7 @@ def test_two_processes_do_not_share_segments(broken: Path) -> None:
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"held\n"
         for act in (lambda: xd.simulate(PENDULUM, **ASKED, path=broken, resume=True), lambda: xd.discard(broken)):
-            with pytest.raises(xd.InputError, match="is being marched by another process"):
+            with pytest.raises(xd.InputError, match="is being computed by another process"):
                 act()
         holder.communicate()
     assert len(names(broken)) == 5

@@ -435,7 +435,7 @@ def test_an_edit_is_named(edit: str) -> None:
     change, fault = EDITS[edit]
     edited = change(record())
     assert record_standing(edited).faults == (fault,)
-    with pytest.raises(InputError, match="this is not the record that was marched:\n  1. ") as caught:
+    with pytest.raises(InputError, match="this is not the record that was computed:\n  1. ") as caught:
         check_unchanged(edited)
     assert fault in str(caught.value)
 
@@ -504,7 +504,7 @@ def test_arrays_that_were_opened_to_writing_are_told() -> None:
     run = record()
     run.x.values.flags.writeable = True
     assert record_standing(run).faults == (
-        "variable 'x' was opened to writing, and what was marched is no longer known",
+        "variable 'x' was opened to writing, and what was computed is no longer known",
     )
 
 

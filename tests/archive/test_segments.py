@@ -131,7 +131,9 @@ def test_a_folder_is_one_process_s_at_a_time(tmp_path: Path) -> None:
     os.close(before)
     with Segments(tmp_path / "run.nc", march(), resume=True):
         for act in (lambda: discard(tmp_path / "run.nc"), lambda: Segments(tmp_path / "run.nc", march(), resume=True)):
-            with pytest.raises(xd.InputError, match="run.nc' is being marched by another process; wait for it, or end"):
+            with pytest.raises(
+                xd.InputError, match="run.nc' is being computed by another process; wait for it, or end"
+            ):
                 act()
     assert not segments_folder(tmp_path / "run.nc").exists()  # an empty one is of no use
     free = os.open(tmp_path, os.O_RDONLY)

@@ -439,7 +439,7 @@ def test_wrong_lists_are_refused_before_anything_is_written(tmp_path: Path) -> N
         (made, [tmp_path / "a.nc", tmp_path / "a.nc"], "two runs are to be written to '.*a.nc'"),
         (made, [tmp_path / "a.nc"], "there are 2 runs and 1 paths"),
         (made, None, "needs a file for each run, or a folder"),
-        ([made[0], edited], tmp_path, "not the record that was marched"),
+        ([made[0], edited], tmp_path, "not the record that was computed"),
         ([made[0], 3], tmp_path, "a run record is to be saved, got '3'"),
         (made[0], tmp_path, "one run was given; save writes it"),
         (made, tmp_path / "file", "is a file; name a folder|file'.*name a folder"),

@@ -178,7 +178,7 @@ def main() -> None:
             one = in_a_process(marched, 0)
             print(
                 f"10^6 elements by {marched}: {one['taken'] - one['record']:.0f} MB over the record of {one['record']:.0f};"
-                f" about {one['told']:.0f} were told before the march"
+                f" about {one['told']:.0f} were told before the run"
             )
 
 

@@ -759,10 +759,10 @@ def test_fits_that_are_not_adequate_have_no_budget(
         )
 
     def begun(*_: Any) -> None:
-        raise xd.InputError("a march began")
+        raise xd.InputError("a run began")
 
     monkeypatch.setattr("xdynamics.evidence.stages.results_of", begun)
-    said = "fitted to 'bench', and the fit is not adequate: residuals swing" if refused else "a march began"
+    said = "fitted to 'bench', and the fit is not adequate: residuals swing" if refused else "a run began"
     with pytest.raises(xd.InputError, match=said):
         xd.error_budget(model, "s", at="1 s", method="rk4", step="0.5 s", until="1 s", **asked)
 

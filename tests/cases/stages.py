@@ -44,7 +44,7 @@ def no_march() -> Iterator[None]:
     """Fail where a march begins."""
 
     def refused(march: March, *_: Any, **__: Any) -> Any:
-        raise AssertionError(f"'{march.model.name}' is marched")
+        raise AssertionError(f"'{march.model.name}' is computed")
 
     with mock.patch.object(March, "blocks", refused):
         yield

@@ -250,7 +250,7 @@ def test_help_takes_verbs() -> None:
     assert call("help", "plot").output == call("plot", "--help").output
     assert "run [OPTIONS] MODEL.toml" in call("help", "simulate").output
     both = call("help", "fit").output
-    assert both.startswith("[fit]:")
+    assert both.startswith("[fit]\n")
     assert both.endswith("the verb of that name: xdynamics fit --help\n")
     assert "did you mean 'events'?" in call("help", "eventz").output
 

@@ -98,7 +98,7 @@ def test_every_verb_that_has_it_is_on_the_page() -> None:
     """Assert that the verbs of the page are those with the option, and are all tried here."""
     having = {name for name, verb in main.commands.items() if any("--json" in option.opts for option in verb.params)}
     page = " ".join(guide("json"))
-    listed = page.split("These have it: ")[1].split(".")[0]
+    listed = page.split("These verbs have it: ")[1].split(".")[0]
     assert {*listed.replace(",", " ").split()} == having == {*VERBS}
     assert {*main.commands} - having == NUMBERLESS
 

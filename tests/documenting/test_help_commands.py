@@ -16,10 +16,10 @@ from cases.problems import ROOT
 from xdynamics.cli import main
 from xdynamics.cli.examples import EXAMPLES
 from xdynamics.documenting.guide import topics
-from xdynamics.documenting.model_pages import WIDTH
+from xdynamics.documenting.markdown import WIDTH, terminal_lines
 
 LONGEST_PAGE = 12_000  # characters
-PAGES = {name: "\n".join(page()) for name, page in topics().items()}
+PAGES = {name: "\n".join(terminal_lines(page())) for name, page in topics().items()}
 PRINTED = [
     found.group(0).strip()
     for text in (re.sub(r" \\\n\s+", " ", page) for page in PAGES.values())

@@ -19,9 +19,8 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.cli import main
-from xdynamics.documenting.guide import FILES
-from xdynamics.documenting.manual_pages import GRIDS_PAGE, OF_EVIDENCE, OF_FILES, OF_RECORDS, words_page
-from xdynamics.documenting.model_pages import WIDTH
+from xdynamics.documenting.guide import guide
+from xdynamics.documenting.manual import manual_text
 from xdynamics.documenting.plain_text import model_lines
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.refining.convergence import MEANINGS, VERDICTS
@@ -239,16 +238,16 @@ def test_starts_are_as_written_or_without_what_rounding_leaves(y: str, said: str
 def test_limits_of_tables_and_model_files() -> None:
     """Assert the sizes in `xdynamics help files`."""
     table, file, text = (f"{limit / 1e6:g} MB" for limit in (LARGEST_TABLE, LARGEST_FILE, LARGEST_RECORDED))
-    page = " ".join(FILES.split())
+    page = " ".join(manual_text("files.md").split())
     assert LARGEST == LARGEST_FILE
     assert f"A table may have {table}" in page
-    assert f"a model file {file} and {MOST_VALUES:,} numbers" in page
+    assert f"A model file may have {file} and {MOST_VALUES:,} numbers" in page
     assert f"may have {text} and {MOST_RECORDED:,} numbers" in page
 
 
 def test_limits_of_runs_side_by_side() -> None:
     """Assert the width in `xdynamics help grids`."""
-    assert f"over {LARGEST_ROW:,} numbers a row" in " ".join(GRIDS_PAGE.split())
+    assert f"over {LARGEST_ROW:,} numbers a row" in " ".join(manual_text("sweeps.md").split())
 
 
 def lines(drag: str) -> list[str]:
@@ -454,9 +453,17 @@ def names(certificate: Any, tmp_path_factory: pytest.TempPathFactory) -> set[str
     return found
 
 
-@pytest.mark.parametrize("words", [OF_RECORDS, OF_EVIDENCE], ids=["records", "evidence"])
-def test_what_is_explained_is_there(words: dict[str, str], names: set[str]) -> None:
+def glossary_words(title: str) -> dict[str, str]:
+    """Return the words of a part of the glossary, each with its meaning."""
+    part = manual_text("glossary.md").partition(f"## {title}\n")[2].partition("\n## ")[0]
+    return dict(re.findall(r"^\| `([^`]+)` \| (.+) \|$", part, re.MULTILINE))
+
+
+@pytest.mark.parametrize("title", ["Of records", "Of accuracy"])
+def test_what_is_explained_is_there(title: str, names: set[str]) -> None:
     """Assert that each word is a name of a record, a piece of evidence or a flag; … is the quantity y, v_y or kinetic_energy."""
+    words = glossary_words(title)
+    assert len(words) > 20
     for word in words.keys() - THINGS:
         spelled = {word.replace("…", quantity) for quantity in ("y", "v_y", "kinetic_energy")}
         assert spelled & names, word
@@ -465,16 +472,15 @@ def test_what_is_explained_is_there(words: dict[str, str], names: set[str]) -> N
 def test_verbs_of_files_are_verbs() -> None:
     """Assert that what is explained by verbs names those there are."""
     assert {"reproduce", "certify", "recheck", "discard"} <= {*main.commands}
-    assert {"reproduce", "seal", "segments"} <= {*OF_FILES}
+    assert {"reproduce", "seal", "segments"} <= {*glossary_words("Of files and verbs")}
 
 
 def test_every_verdict_has_its_words_on_the_page() -> None:
-    """Assert one line or two for each, within the width, and that `passed` is explained beside pre_asymptotic."""
+    """Assert one line or two for each, and that `passed` is explained beside pre_asymptotic."""
     assert (*MEANINGS,) == VERDICTS
-    page = [*words_page()]
+    page = [*guide("glossary")]
     assert all(any(line.startswith(f"  {verdict} ") for line in page) for verdict in VERDICTS)
-    assert max(map(len, page)) <= WIDTH
-    assert "pre_asymptotic" in OF_EVIDENCE["passed"]
+    assert "pre_asymptotic" in glossary_words("Of accuracy")["passed"]
 
 
 def test_a_certificate_says_what_its_verdict_means(certificate: Any) -> None:

@@ -533,11 +533,11 @@ def test_every_variable_of_a_record_is_foreseen(name: str) -> None:
 @pytest.mark.parametrize(
     ("asked", "times", "message"),
     [
-        ({"occurrences": 3}, None, r"known only once they are marched; give times=…, a number, sizes=\{'at': 5000\}"),
+        ({"occurrences": 3}, None, r"known only once they are computed; give times=…, a number, sizes=\{'at': 5000\}"),
         (
             {"sizes": {"at": 5}},
             None,
-            r"how often floor will be met is known only once the runs are marched; .* occurrences=10",
+            r"how often floor will be met is known only once the runs are computed; .* occurrences=10",
         ),
         ({"sizes": {"at": 5}}, [0.5], "sizes have 5 for 'at', and the times are known already; leave it out"),
         ({"sizes": {"at": 0}}, None, "sizes have 0 for 'at', need a positive whole number"),

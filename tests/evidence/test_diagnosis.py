@@ -269,7 +269,7 @@ def test_what_was_edited_is_not_taken_for_the_run() -> None:
     edited["x"] = ("step", 3 * run.x.values, run.x.attrs)
     told = xd.diagnose(edited, companion=False)
     assert told.attrs["runs"] != xd.content_digest(run) == xd.diagnose(run, companion=False).attrs["runs"]
-    with pytest.raises(xd.InputError, match="this is not the record that was marched"):
+    with pytest.raises(xd.InputError, match="this is not the record that was computed"):
         xd.diagnose(edited)
     with pytest.raises(xd.InputError, match="this is a part of a run"):
         xd.companion(run.isel(step=slice(0, 50)))

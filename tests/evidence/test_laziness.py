@@ -64,7 +64,7 @@ NUMBERS_NEEDED = {
     "bundle": "writes files",
     "check": "reads no values",
     "cluster": "is where stages are computed",
-    "complete": "marches a run again to the bit, for a record",
+    "complete": "computes a run again to the bit, for a record",
     "content_digest": "is of values",
     "discard": "deletes files",
     "document": "writes a page",

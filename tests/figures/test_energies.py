@@ -219,7 +219,7 @@ def test_terms_that_are_not_the_record_are_not_drawn() -> None:
     run = xd.simulate(xd.Model.from_text(BALL)).copy(deep=True)
     moved = run.copy(deep=True)
     moved["y"].values[:] *= 2.0
-    with pytest.raises(xd.InputError, match="y: edited since the run was marched"):
+    with pytest.raises(xd.InputError, match="y: edited since the run was computed"):
         panel(moved, only="energy")
     run["potential_energy"].values[:] *= 2.0
     axes = panel(run, only="energy")

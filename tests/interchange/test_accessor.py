@@ -141,7 +141,7 @@ def test_no_rows_are_no_picture(run: xr.Dataset, verb: Any) -> None:
         (lambda _: xr.Dataset({"a": ("x", [1.0])}), "no run"),
         (
             lambda _: xd.simulate(BOUNCING, until="2 s", compute=False, sizes={"step": 9, "event": 1}),
-            "a run that is still to be marched",
+            "a run that is still to be computed",
         ),
         (lambda run: run.dynamics.events(), "evidence, no run: events from 1 run"),
         (xd.modes, "evidence, no run: modes from 1 run"),

@@ -17,9 +17,10 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.archive.integrity import edited_variables, without_stale_units
-from xdynamics.documenting.manual_pages import ARCHIVES_PAGE
+from xdynamics.documenting.manual import manual_text
 from xdynamics.record.folding import labelled
 
+ARCHIVES_PAGE = manual_text("archives.md")
 WAYS: dict[str, Callable[[xr.Dataset, Path], xr.Dataset]] = {
     "marched": lambda run, _: run,
     "opened": lambda _, path: xd.open_run(path),
@@ -279,7 +280,7 @@ def test_no_unit_is_shown_that_an_edit_made_wrong(run: xr.Dataset, path: Path, e
     assert edited.dynamics.events().before_y.attrs["units"] == "unknown unit"
     for verb in (edited.dynamics.plot, edited.dynamics.animate, lambda: edited.dynamics.at(0.1)):
         with pytest.raises(
-            xd.InputError, match=r"^y: edited since the run was marched, .* run\.y\.plot\(x=\"time\"\)$"
+            xd.InputError, match=r"^y: edited since the run was computed, .* run\.y\.plot\(x=\"time\"\)$"
         ):
             verb()
 
@@ -309,7 +310,7 @@ def test_what_is_not_edited_keeps_its_unit(run: xr.Dataset, path: Path, change: 
 def test_an_edit_of_what_every_run_has_is_called_one(run: xr.Dataset, name: str) -> None:
     """Assert that a figure says of a time whose unit is lost that it was edited, not that its unit is another."""
     with pytest.raises(
-        xd.InputError, match=f"'{name}' was edited since the run was marched, so that its unit is not known"
+        xd.InputError, match=f"'{name}' was edited since the run was computed, so that its unit is not known"
     ):
         run.assign({name: run[name] * 1000}).dynamics.plot()
 
@@ -321,7 +322,7 @@ def test_a_parameter_and_an_array_opened_to_writing_are_edited() -> None:
     run.y.values.flags.writeable = True
     run.y.values[:] *= 2.0
     assert edited_variables(run) == ["y"]
-    with pytest.raises(xd.InputError, match="y: edited since the run was marched"):
+    with pytest.raises(xd.InputError, match="y: edited since the run was computed"):
         run.dynamics.at(0.05)
 
 

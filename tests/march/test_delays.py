@@ -428,7 +428,7 @@ def test_other_verbs_say_what_they_cannot() -> None:
     model = spring("-k*delayed(x, tau)")
     with pytest.raises(xd.InputError, match="nothing is proven of delayed values"):
         xd.enclose(model, until="1 s")
-    with pytest.raises(xd.InputError, match="known along a march alone"):
+    with pytest.raises(xd.InputError, match="known along a run alone"):
         xd.modes(model)
     with pytest.raises(xd.InputError, match=r"delay 'tau' is 0\.0 s, needs a positive time"):
         xd.simulate(model.replace(parameters={"tau": "0 s"}), method="rk4", step="0.1 s", until="1 s")

@@ -327,7 +327,7 @@ def test_what_does_not_fit_is_refused_before_it_is_made(monkeypatch: pytest.Monk
     model = xd.Model.from_text(text)
     monkeypatch.setattr("xdynamics.record.run_dataset.free_memory", lambda: 1e8)
     with pytest.raises(
-        xd.InputError, match=r"a march of 2000000 numbers by velocity_verlet takes about .* 80 MB of memory"
+        xd.InputError, match=r"a run of 2000000 numbers by velocity_verlet takes about .* 80 MB of memory"
     ):
         xd.simulate(model)
 
@@ -445,7 +445,7 @@ def test_threads_and_logs_change_nothing(bouncing: tuple[xd.Model, Settings, np.
         for name in ("time", "state", "status", "rows", "trials", "evaluations", "events", "first_event"):
             assert getattr(other, name).tobytes() == getattr(found[0], name).tobytes(), name
     assert len(found[0].events) == found[0].first_event[-1] > 4000
-    with pytest.raises(xd.InputError, match="no logs were kept; march with logs=True"):
+    with pytest.raises(xd.InputError, match="no logs were kept; run with logs=True"):
         found[0].log_of(0)
 
 

@@ -20,7 +20,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS, particle
-from xdynamics.documenting.model_pages import shapes_page
+from xdynamics.documenting.manual import manual_text
 from xdynamics.kernels import layout_of
 from xdynamics.kernels.newton_matrix import pattern_of
 from xdynamics.march import March
@@ -139,7 +139,7 @@ def test_a_memory_of_another_form_is_refused() -> None:
     """Assert that the first array that has another form is named, and nothing is changed."""
     march, other = march_of("midpoint", "fixed"), march_of("rk4", "fixed")
     before = bytes_of(march)
-    with pytest.raises(xd.InputError, match=r"the march's '\w+' has another form than here"):
+    with pytest.raises(xd.InputError, match=r"the run's '\w+' has another form than here"):
         put_back(march.run, changing_arrays(other.run))
     assert bytes_of(march) == before
 
@@ -214,7 +214,9 @@ def test_radau_takes_for_a_cell_what_is_told(tolerances, monkeypatch):
     assert beside / CELLS == pytest.approx(
         312.0, abs=0.5
     )  # factors 104, derivatives 60, stages 72 and 16, states 32, errors 28
-    assert f"takes {sum(told.values()) / CELLS:.0f}: factors" in " ".join(shapes_page())
+    assert f"takes {sum(told.values()) / CELLS:.0f}: factors" in " ".join(
+        manual_text("shapes.md").replace("`", "").split()
+    )
 
 
 def test_what_would_not_fit_is_named_before_the_march(monkeypatch):
@@ -224,7 +226,7 @@ def test_what_would_not_fit_is_named_before_the_march(monkeypatch):
     with pytest.raises(xd.InputError) as caught:
         xd.simulate(model, method="radau_iia", rtol=1e-4, until="1 s")
     said = str(caught.value)
-    assert "a march of 12100 numbers by radau_iia takes about 99 MB" in said
+    assert "a run of 12100 numbers by radau_iia takes about 99 MB" in said
     # 24*12100*331 bytes: of 110 above the diagonal, 110 below, and 110 for row exchanges
     assert "96 MB of it factors of a real and a complex matrix" in said
     assert "80 MB of memory can be had" in said

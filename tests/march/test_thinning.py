@@ -214,7 +214,7 @@ def test_times_of_kept_rows_are_sampled_and_others_refused() -> None:
     assert float(xd.sample(run, 1.0)["theta"][0]) == float(run["theta"].values[run["time"].values == 1.0][0])
     with pytest.raises(xd.InputError, match=r"t = 0\.55 s is between rows .* one in 10 \(keep_every = 10\)"):
         xd.sample(run, 0.55)
-    with pytest.raises(xd.InputError, match="a diagnosis needs every row of the march, and this record has one in 10"):
+    with pytest.raises(xd.InputError, match="a diagnosis needs every row of the run, and this record has one in 10"):
         xd.diagnose(run)
 
 
@@ -289,7 +289,7 @@ def test_command_line_keeps_one_row_in_so_many(tmp_path: Path) -> None:
     """Assert that `run --keep-every` says what it left out, and `reproduce` marches it so again."""
     path = str(tmp_path / "thin.nc")
     done = CliRunner().invoke(main, ["run", str(MODELS / "pendulum.toml"), "-o", path, "--keep-every", "100"])
-    assert "one in 100 of 10009 rows of the march, and what belongs to them" in done.output, done.output
+    assert "one in 100 of 10009 rows of the run, and what belongs to them" in done.output, done.output
     assert CliRunner().invoke(main, ["reproduce", path]).exit_code == 0
     assert CliRunner().invoke(main, ["show", path]).exit_code == 0
     assert CliRunner().invoke(main, ["plot", path, "-o", str(tmp_path / "thin.png")]).exit_code == 0
@@ -374,7 +374,7 @@ def test_missing_columns_are_named_with_what_adds_them() -> None:
     """Assert that stages which need a column that was left out name it, and `complete`."""
     asked: dict[str, Any] = {"method": "rk4", "step": 1e-2, "until": 2.0}
     run = xd.simulate(PENDULUM, **asked, log=["theta"])
-    said = r"it was marched with log = \['theta'\]: `xdynamics complete RUN.nc -o WHOLE.nc`, or xdynamics.complete\(run\) in Python"
+    said = r"it was computed with log = \['theta'\]: `xdynamics complete RUN.nc -o WHOLE.nc`, or xdynamics.complete\(run\) in Python"
     with pytest.raises(xd.InputError, match=f"has no variable 'v_theta' of its model; {said}"):
         xd.sample(run, 0.5)
     with pytest.raises(

@@ -159,7 +159,7 @@ def test_a_part_of_a_run_is_saved_as_one(run: xr.Dataset, tmp_path: Path, what: 
     assert said in verified
     assert verified.startswith("verified")
     assert xd.reproduce(path).attrs["identical"] == 1
-    assert f"every bit the same in run {digest} marched again" in call("reproduce", path).output
+    assert f"every bit the same in run {digest} computed again" in call("reproduce", path).output
     assert f"a selection of run {digest}" in call("show", path).output
     assert call("plot", path, "-o", tmp_path / "part.png").exit_code in (0, 2)
 
@@ -210,7 +210,7 @@ def test_a_selection_of_another_run_is_found(tmp_path: Path) -> None:
 def test_a_selection_without_its_model_is_not_reproduced(tmp_path: Path) -> None:
     """Assert that it is said what is missing."""
     xd.save(swing().drop_vars("model_toml"), tmp_path / "part.nc")
-    with pytest.raises(xd.InputError, match="saved without model_toml, from which its run is marched again"):
+    with pytest.raises(xd.InputError, match="saved without model_toml, from which its run is computed again"):
         xd.reproduce(tmp_path / "part.nc")
 
 

@@ -30,7 +30,7 @@ def passing(action="record", **run):
 @pytest.mark.parametrize(("log", "size"), [("states", "6 MB"), ("full", "8 MB")])
 def test_a_march_of_too_many_events_ends_before_it_takes_more_than_is_allowed(log, size):
     """Assert that one error says time, rows, those of events, their size and what to do, long before the end."""
-    with pytest.raises(xd.InputError, match=r"^the march of 'passing' is at t = 0\.\d+ s with") as caught:
+    with pytest.raises(xd.InputError, match=r"^the run of 'passing' is at t = 0\.\d+ s with") as caught:
         xd.simulate(passing(log=log), memory=size)
     said = str(caught.value)
     rows, of_events = map(int, re.search(r"with (\d+) rows, (\d+) of them of events", said).groups())

@@ -121,7 +121,7 @@ def other(**attributes: Any) -> xr.Dataset:
         (lambda: other().isel(step=slice(50)), "this is a part of a run, 50 of 101 rows of 'step'; take the whole one"),
         (
             lambda: other().assign_attrs(title="mine"),
-            "this is not the record that was marched:\n  1. attribute 'title' is 'mine'",
+            "this is not the record that was computed:\n  1. attribute 'title' is 'mine'",
         ),
         (
             lambda: other(derived="halved", derived_from="ab"),

@@ -84,9 +84,9 @@ def test_states_at_wanted_times_are_lazy_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"step": None, "rtol": 1e-6}, r"known only once it is marched.*sizes=\{'step': 5000\}"),
-        ({"keep_every": 10}, "known only once it is marched"),
-        ({"nodes": [0.5]}, "known only once it is marched"),
+        ({"step": None, "rtol": 1e-6}, r"known only once it is computed.*sizes=\{'step': 5000\}"),
+        ({"keep_every": 10}, "known only once it is computed"),
+        ({"nodes": [0.5]}, "known only once it is computed"),
         ({"sizes": {"steps": 3}}, "sizes name 'steps'; there are step, event, trial, sample"),
         ({"sizes": {"step": 0}}, "sizes have 0 for 'step', need a positive whole number"),
         ({"sizes": {"step": True}}, "sizes have True for 'step'"),
@@ -108,7 +108,7 @@ def test_a_part_of_an_unmarched_run_is_no_record(tmp_path: Path) -> None:
     """Assert that a selection, a change and what xarray computed are refused by verbs, and nothing else is lost."""
     run = xd.simulate(OSCILLATOR, compute=False, **FIXED)
     for other in (run.isel(step=slice(3)), run.assign(x=2 * run.x), run.compute(), run.assign_attrs(title="mine")):
-        with pytest.raises(xd.InputError, match="a part of a run that is still to be marched"):
+        with pytest.raises(xd.InputError, match="a part of a run that is still to be computed"):
             xd.save(other, tmp_path / "run.nc")
     assert not list(tmp_path.iterdir())
     assert float(run.isel(step=slice(3)).x[0]) == 1.0

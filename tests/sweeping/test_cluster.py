@@ -208,7 +208,7 @@ def test_what_came_back_from_a_cluster_is_saved_without_a_march(client: Any, mon
     digest_of = integrity.variable_digest
 
     def unless_lazy(name: str, variable: xr.Variable) -> str:
-        assert variable.chunks is None, f"{name} is marched again"
+        assert variable.chunks is None, f"{name} is computed again"
         return digest_of(name, variable)
 
     for way in ways:

@@ -456,10 +456,10 @@ def test_lazy_rows_are_described_and_saved_as_many_as_there_are(
 @pytest.mark.parametrize("sizes", [None, {"step": 5}, {"row": 0}, {"row": True}, 5])
 def test_how_many_rows_there_are_has_to_be_stated(swept_balls: xr.Dataset, sizes: Any) -> None:
     """Assert that rows of unknown number, none, or of another dimension are refused, and those of marched runs too."""
-    with pytest.raises(xd.InputError, match=r"known only once they are marched; give a number, sizes=\{'row': 4000\}"):
+    with pytest.raises(xd.InputError, match=r"known only once they are computed; give a number, sizes=\{'row': 4000\}"):
         xd.ragged(swept_balls, compute=False, sizes=sizes)
     if sizes is not None:
-        with pytest.raises(xd.InputError, match="for compute=False: runs that are marched have their own"):
+        with pytest.raises(xd.InputError, match="for compute=False: runs that are computed have their own"):
             xd.ragged(swept_balls, sizes=sizes)
 
 

@@ -398,7 +398,7 @@ def test_a_member_from_the_catalogue_alone(tmp_path: Path) -> None:
         assert float(xd.member(found.isel(vt=2)).v_y[-1]) == float(found.end_v_y[2])
         edited = found.compute().assign(run_digest=found.run_digest[::-1].variable)
         edited.attrs = found.attrs
-        with pytest.raises(xd.ArchiveError, match="marched again, comes to something else: run_digest is"):
+        with pytest.raises(xd.ArchiveError, match="computed again, comes to something else: run_digest is"):
             xd.member(edited, vt=20.0)
 
 

@@ -228,7 +228,7 @@ def test_two_processes_keep_out_of_each_others_way(tmp_path: Path) -> None:
     work = begun(tmp_path / "s")
     handle = os.open(work, os.O_RDONLY)
     fcntl.flock(handle, fcntl.LOCK_EX)
-    with pytest.raises(xd.InputError, match="another process marches into"):
+    with pytest.raises(xd.InputError, match="another process writes into"):
         xd.sweep(BALL, {"v_y": np.linspace(10.0, 20.0, 6)}, path=tmp_path / "s", **LONG)
     os.close(handle)
     assert xd.sweep(BALL, {"v_y": np.linspace(10.0, 20.0, 6)}, path=tmp_path / "s", **LONG).sizes["v_y"] == 6

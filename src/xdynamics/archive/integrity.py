@@ -269,9 +269,7 @@ def variable_digest(name: str, variable: Any) -> str:
 
 
 MOST_NAMED = 10
-UNKNOWN = (
-    f"its origin is unknown: it was neither marched nor opened by xdynamics, or its attribute '{schema.ORIGIN}' is lost"
-)
+UNKNOWN = f"its origin is unknown: it was neither computed nor opened by xdynamics, or its attribute '{schema.ORIGIN}' is lost"
 
 
 @dataclass(frozen=True)
@@ -373,7 +371,7 @@ def check_unchanged(run: xr.Dataset) -> None:
     result = record_standing(run)
     if result.faults:
         check_cut(run)
-        raise InputError(f"this is not the record that was marched:{numbered_lines(result.faults)}", result.faults)
+        raise InputError(f"this is not the record that was computed:{numbered_lines(result.faults)}", result.faults)
     if result.selected:
         raise InputError(f"this is a part of a run, {result.selected}; take the whole one")
 
@@ -469,7 +467,7 @@ def check_states(run: xr.Dataset) -> None:
     """
     if edited := edited_variables(run, ("time", *schema.KINEMATIC)):
         raise InputError(
-            f"{', '.join(edited)}: edited since the run was marched, so that states between rows would follow neither"
+            f"{', '.join(edited)}: edited since the run was computed, so that states between rows would follow neither"
             " the model nor the edit; ask the run as it was and change what it answers, or draw the edit by"
             f' run.{edited[0]}.plot(x="time")'
         )
@@ -533,7 +531,7 @@ def _value_faults(part: OriginalVariable, now: xr.Variable, origin: Origin) -> I
     if _is_unchanged(part, now):
         return
     if _is_array_of(part, now):
-        yield f"variable '{part.name}' was opened to writing, and what was marched is no longer known"
+        yield f"variable '{part.name}' was opened to writing, and what was computed is no longer known"
         return
     original = _original_record(origin)
     then = None if original is None else original.variables.get(part.name)

@@ -228,7 +228,7 @@ class Segments:
             self._claim()
             self._gather(names)
         elif resume:
-            warn(f"there are no segments of '{archive}' to go on from: it is marched from its start", ResumeWarning)
+            warn(f"there are no segments of '{archive}' to go on from: it is computed from its start", ResumeWarning)
 
     @cached_property
     def _march_identity(self) -> dict[str, str]:
@@ -326,7 +326,7 @@ class Segments:
             self.failed = True
             # it was not there when this march began
             contested = isinstance(error, FileExistsError) and is_folder(self.folder)
-            why = "another process marches into it too" if contested else getattr(error, "strerror", None) or error
+            why = "another process writes into it too" if contested else getattr(error, "strerror", None) or error
             warn(f"no more segments of '{self.archive}' can be kept: {why}; the run goes on", ResumeWarning)
         self._written_rows, self._last = filled, time.monotonic()
 
@@ -424,7 +424,9 @@ def _lock_segments(folder: Place, archive: Place) -> ExitStack:
     try:
         stack.enter_context(store_of(folder).locked(folder))
     except LockedError as error:
-        raise InputError(f"'{archive}' is being marched by another process; wait for it, or end it ({error})") from None
+        raise InputError(
+            f"'{archive}' is being computed by another process; wait for it, or end it ({error})"
+        ) from None
     return stack
 
 

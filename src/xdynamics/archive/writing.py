@@ -535,7 +535,7 @@ def _attributes_by_standing(attributes: dict[str, Any], result: Standing, derive
         )
     elif result.faults:
         raise InputError(
-            "this is not the record that was marched, and is not saved as a run; save it before it is edited, or as"
+            "this is not the record that was computed, and is not saved as a run; save it before it is edited, or as"
             f" data of its own with derived='how it was made':{numbered_lines(result.faults)}",
             result.faults,
         )

@@ -287,7 +287,7 @@ def error_budget(
     if not compute:
         raise InputError(
             "until_uncertainty doubles the draws until they suffice, and how many is known only once they are"
-            " marched; give draws=10000, or compute=True"
+            " computed; give draws=10000, or compute=True"
         )
     return _budget_until_known(request, until_uncertainty)
 

@@ -160,7 +160,7 @@ def fit(
     """
     if not compute:
         raise InputError(
-            "a fit is a search, and how many runs it marches is known only once it ends: compute it, and give the model of"
+            "a fit is a search, and how many runs it computes is known only once it ends: compute it, and give the model of"
             " its model_toml to stages with compute=False"
         )
     _check_choices(starts, seed, loss, intervals, coverage)

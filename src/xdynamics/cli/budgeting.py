@@ -78,7 +78,7 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
 @click.option("--without", multiple=True, metavar="TERM", help="Leave this term out, like roundoff or an input.")
 @click.option("-o", "--output", metavar="B.nc", help="Where to write the budget.")
 def budget(model_file: str, output: str | None, changes: tuple[str, ...], **options: Any) -> None:
-    """Estimate how far one number may be off, and why: by the march, and by every uncertain input."""
+    """Estimate how far one number may be off, and why: by the integration, and by every uncertain input."""
     from xdynamics.budgeting.budget import error_budget
 
     options |= {name: options[name] or None for name in ("only", "without")}

@@ -213,10 +213,28 @@ def _hush(ctx: click.Context, _option: click.Parameter, quiet: bool) -> None:
     ctx.meta[QUIET] = quiet
 
 
+VERBS = {  # by what they are for, in the order in which one comes to need them
+    "Start": ("new", "check", "run", "show", "plot", "table", "animate"),
+    "Accuracy": ("refine", "diagnose", "validate", "budget", "compare", "modes"),
+    "Data": ("sample", "fit"),
+    "Many runs": ("sweep",),
+    "Archives": ("verify", "reproduce", "extend", "complete", "sign", "discard"),
+    "Certificates": ("certify", "bundle", "recheck", "report", "enclose"),
+    "Reference": ("help", "methods"),
+}
+
+
 class _Command(click.Group):
     """Exits in one line: 2 for wrong input, 1 for damage or Ctrl-C, 143 for SIGTERM, 129 for SIGHUP."""
 
     command_class = _Verb
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002 - click's
+        """Write the verbs by what they are for."""
+        width = max(map(len, self.commands))
+        for title, names in VERBS.items():
+            with formatter.section(title):
+                formatter.write_dl([(f"{name:{width}}", self.commands[name].get_short_help_str()) for name in names])
 
     def invoke(self, ctx: click.Context) -> Any:
         with surviving_streams() as streams, _terminable() as signals:

@@ -90,7 +90,7 @@ def refine(
     values: tuple[str, ...],
     **options: Any,
 ) -> None:
-    """March a model with ever finer steps or tolerances: orders, limits and uncertainties of its numbers."""
+    """Run a model with ever finer steps or tolerances: orders, limits and uncertainties of its numbers."""
     from xdynamics.evidence.refining.refinement import refine as refined
     from xdynamics.evidence.refining.refinement import refinement_lines
 
@@ -208,7 +208,7 @@ def _save_and_print(evidence: xr.Dataset, describe: Any, output: str | None) -> 
     help="Find all Lyapunov exponents, each with its uncertainty, by the variational equations along the run.",
 )
 @click.option("--exponents", type=click.IntRange(1), metavar="N", help="Find the N largest Lyapunov exponents only.")
-@click.option("--no-companion", is_flag=True, help="Do not march a companion run for error estimates.")
+@click.option("--no-companion", is_flag=True, help="Do without a companion run for error estimates.")
 @json_option
 def diagnose(
     archive: str,

@@ -50,7 +50,7 @@ def run(
     tables: str,
     **options: Any,
 ) -> None:
-    """March a model file and archive the run; of an archived run its model, with the settings of that run.
+    """Simulate a model file and archive the run; of an archived run its model, with the settings of that run.
 
     Of several models each has an archive of its name in the folder. A long run keeps its finished segments beside the
     archive until it is complete; --resume continues from them.
@@ -82,7 +82,7 @@ def _archives(model_files: tuple[str, ...], output: str) -> dict[str, str]:
         raise InputError(f"-o {output!r} is one archive, and there are {len(model_files)} models; give a folder")
     names = [Path(file).stem for file in model_files]
     if repeated := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"two models are called {repeated[0]!r}, and would have one archive; march them apart")
+        raise InputError(f"two models are called {repeated[0]!r}, and would have one archive; run them apart")
     Path(output).mkdir(exist_ok=True)
     return {file: str(Path(output) / f"{name}.nc") for file, name in zip(model_files, names, strict=True)}
 
@@ -132,7 +132,7 @@ def discard(archives: tuple[str, ...]) -> None:
 @click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
 @json_option
 def extend(archive: str, until: str, output: str, resume: bool) -> None:
-    """Continue a complete run beyond its end, with the bits of one march that also lands there."""
+    """Continue a complete run beyond its end, with the bits of a single run that also has a step end there."""
     from xdynamics.simulation.extension import extend as extended
 
     with progress() as report:
@@ -147,7 +147,7 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
 @click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
 @json_option
 def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
-    """Add what --log and --keep-every left out of a run, bit for bit: it is marched again and compared."""
+    """Add what --log and --keep-every left out of a run, bit for bit: it is computed again and compared."""
     from xdynamics.simulation.completion import complete as completed
 
     with progress() as report:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from xdynamics.cli.command import ALSO, json_option, main, print_json, say
+from xdynamics.cli.command import ALSO, VERBS, json_option, main, print_json, say
 from xdynamics.cli.marching import read_changed_model
 
 
@@ -29,7 +29,7 @@ def help_on(topic: str | None, folder: str | None) -> None:
         command = main.commands[verb]
         say(command.get_help(click.Context(command, click.get_current_context().parent, verb)).splitlines())
     else:
-        say(guide(topic, [*main.commands]))
+        say(guide(topic, VERBS))
 
 
 def _site(folder: str) -> str:
@@ -83,7 +83,7 @@ def _next_commands(path: str) -> Iterator[str]:
 )
 @json_option
 def check(model_file: str, changes: tuple[str, ...], tables: str) -> None:
-    """Read a model and check every unit; print its equations, time scales, and the methods that take it. Marches nothing."""
+    """Read a model and check every unit; print its equations, time scales, and the methods that take it. Nothing is run."""
     from xdynamics.documenting.plain_text import model_lines
 
     model = read_changed_model(model_file, changes, tables)

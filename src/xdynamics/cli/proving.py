@@ -9,7 +9,7 @@ import click
 from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, json_option, main, print_json, progress, say
 from xdynamics.cli.marching import read_changed_model
 
-WHERE = " (xdynamics reproduce marches a run again, and says at which rows)"
+WHERE = " (xdynamics reproduce computes a run again, and says at which rows)"
 RESEALED = "every number agrees, the seal is gone: xd.save seals it again"
 
 
@@ -136,13 +136,13 @@ def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> Non
 @click.argument("archive", metavar="RUN.nc")
 @json_option
 def reproduce(archive: str) -> None:
-    """March an archive's model again and compare every bit."""
+    """Run the model of an archive again and compare every bit."""
     from xdynamics.simulation.single_run import reproduce as again
 
     table = again(archive)
     print_json(table)
     if table.attrs["identical"]:
-        part = f" in run {table.attrs['selection']} marched again" if table.attrs["selection"] else ""
+        part = f" in run {table.attrs['selection']} computed again" if table.attrs["selection"] else ""
         say([f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same{part}"])
         say([table.attrs["arithmetic"]] if table.attrs["arithmetic"] else [])
         return

@@ -167,13 +167,13 @@ def clustered(verb: Callable[..., None]) -> Callable[..., None]:
     """Add the options of a cluster; the verb receives `scheduler` and `workers`."""
     options = (
         click.option(
-            "--scheduler", metavar="tcp://…", help="The dask cluster to march on; see `xdynamics help cluster`."
+            "--scheduler", metavar="tcp://…", help="The dask cluster to compute on; see `xdynamics help cluster`."
         ),
         click.option(
             "--workers",
             type=click.IntRange(1),
             metavar="N",
-            help="Processes to start on this machine, and to march on.",
+            help="Processes to start on this machine, and to compute on.",
         ),
     )
     for option in reversed(options):

@@ -23,7 +23,7 @@ from xdynamics.faults import InputError
     "--output",
     required=True,
     metavar="FOLDER",
-    help="The folder of the sweep; members that are there already are not marched again.",
+    help="The folder of the sweep; members that are there already are not computed again.",
 )
 @click.option(
     "--axis",
@@ -68,7 +68,7 @@ from xdynamics.faults import InputError
     "--check",
     type=float,
     default=0.0,
-    help="Fraction of the members that are also marched alone and compared bit for bit.",
+    help="Fraction of the members that are also computed alone and compared bit for bit.",
 )
 @clustered
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
@@ -92,7 +92,7 @@ def sweep(
     changes: tuple[str, ...],
     **options: Any,
 ) -> None:
-    """March a model over a grid of parameters, initial values, methods or steps; every member is kept with its outcome."""
+    """Run a model over a grid of parameters, initial values, methods or steps; every member is kept with its outcome."""
     from xdynamics.documenting.summary import summary
     from xdynamics.evidence.cluster import cluster_of
     from xdynamics.march.outcomes import GOOD

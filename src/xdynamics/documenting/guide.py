@@ -3,29 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
+from itertools import chain
 
 from xdynamics import schema
-from xdynamics.documenting.manual_pages import (
-    ARCHIVES_PAGE,
-    CLUSTER_PAGE,
-    EVIDENCE_PAGE,
-    FITS_PAGE,
-    GRIDS_PAGE,
-    JSON_PAGE,
-    MARCHING_PAGE,
-    PRECISION_PAGE,
-    RUNS_PAGE,
-    STORES_PAGE,
-    words_page,
-)
-from xdynamics.documenting.model_pages import (
-    page_before,
-    shapes_page,
-    wrapped_lines,
-)
-from xdynamics.documenting.pages import page_text
+from xdynamics.documenting.manual import has_text, manual_text
+from xdynamics.documenting.markdown import code, table, terminal_lines, wrapped_lines
+from xdynamics.evidence.refining.convergence import MEANINGS
+from xdynamics.expressions.parser import FORMS
 from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
 from xdynamics.model.grammar import HEAD, SECTIONS
@@ -49,6 +35,49 @@ SAID = {
     "round": "nearest whole number; of two equally near ones the even one, as Python's",
     "mod": "mod(a, b): a - b*floor(a/b) in the unit of both, with the sign of b, as Python's a % b",
 }
+MEANINGS_ALONG = {
+    "sum": "the sum over one dimension, or several: sum(a, body, axis), added in ascending order",
+    "mean": "the sum over the number of elements",
+    "min": "the least element, if the last argument is a dimension; min(a, b) compares two values",
+    "max": "the greatest element, likewise",
+    "norm": "the square root of the sum of squares",
+    "dot": "the sum of products",
+    "cross": "the vector product along a dimension of three elements, which the result keeps",
+    "first": "the value of a at the first end of each link",
+    "second": "the value of a at the second end of each link",
+    "shift": "the value n places earlier, as in xarray; beyond the end fill, in the unit of a, like 0*metre",
+    "roll": "the value n places earlier, the dimension closed into a ring",
+    "take": "the element with that number, an expression of index, size and whole numbers",
+    "index": "the number of each element, from 0",
+    "size": "how many elements there are",
+}
+SHAPED_MODEL = """\
+name = "Sun and two planets"
+[dimensions]
+body = ["Sun", "Jupiter", "Saturn"]        # labels, or a number of elements: site = 100
+axis = ["x", "y", "z"]
+[relations.pair]
+of = "body"                                # every two; or neighbours = 1: each with the next
+[coordinates]
+r = { unit = "m", dims = ["body", "axis"] }
+[parameters]
+m = { dims = ["body"], values = { Sun = "2e30 kg", Jupiter = "1.9e27 kg", Saturn = "5.7e26 kg" } }
+G = "6.6743e-11 N m2 kg-2"
+[mass]
+r = "m"                                    # over body, the same for every axis
+[forces.gravity]
+over = "pair"                              # or r = "…": the force on the first of each
+potential = "-G*first(m, pair)*second(m, pair)/norm(second(r, pair) - first(r, pair), axis)"
+[initial]                                  # a row for each body, a column for each axis
+r = { unit = "astronomical_unit", value = [[0, 0, 0], [5.2, 0, 0], [0, 9.58, 0]] }
+v_r = { unit = "m s-1", value = [[0, 0, 0], [0, 13060, 0], [-9680, 0, 0]] }
+[run]
+method = "yoshida6"
+step = "30 day"
+until = "30 year"
+""".splitlines()
+ONE_ELEMENT = ["`r[Jupiter, x], u[-1]`", "one element, by labels or numbers, in the order of the dimensions"]
+READ_TOO = ("mph", "kph", "kWh", "Wh", "Ah", "mAh", "Nm", "cP", "cSt", "rev", "lbm")
 OF_MODELS = (  # dimensions of the record that are named after the model's own names
     ("<dimension>, <relation>", "those of the model, with all elements and links"),
     (
@@ -104,69 +133,62 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ),
     ("m, g, …", "", "every parameter, with its uncertainty as an attribute"),
 )
-PAGES_ABOUT = {  # pages that are of no section of a model file
-    "first": "First steps: from nothing to a number and its error.",
-    "model": "What may stand in a model file; `xdynamics new MODEL.toml` writes one to begin with.",
-    "language": "Expressions: operators, functions, names of units.",
-    "shapes": "Quantities along named dimensions: bodies, lattices, fields.",
-    "units": "How units and uncertainties are spelled.",
-    "record": "Every dimension and variable of a run.",
-    "runs": "Runs and their files: writing, editing, going on after a kill, signing, exit codes.",
-    "marching": "Steps, events, switches, contacts: how a march finds them, and its limits.",
-    "delays": "Values of the motion as they were some time ago: delayed(x, tau).",
-    "precision": "Numbers of 31 digits: what is stored, what they cost, the rounding of a run.",
-    "evidence": "What a number is worth: refinement, budgets, comparison, validation, certificates.",
-    "grids": "Many runs: sweeps over parameters, starts, methods; bifurcation diagrams.",
-    "words": "Names that do not explain themselves, and every verdict.",
-    "cluster": "Threads, processes and machines of your own.",
-    "solve": "Right-hand sides as scipy's users write them.",
-    "archives": "Opening archives with xarray: rows by time, many at once.",
-    "files": "Tables, and files of phones, loggers, oscilloscopes as they come.",
-    "fits": "Parameters from measured data, event times and several records; outliers and intervals.",
-    "json": "What verbs print with --json.",
-    "stores": "Addresses (S3, web servers, memory), open files, Zarr stores.",
+PAGES = {  # by what they are for; sections of a model file have pages besides
+    "Start": ("first", "figures", "accuracy", "sweeps", "scipy", "python"),
+    "Models": ("model", "language", "units", "files", "shapes", "bodies", "joints", "constraints", "delays"),
+    "Runs": ("running", "archives", "record", "simulation", "precision", "fits", "stores", "cluster", "json"),
+    "Words": ("glossary", "changes"),
 }
-STARTER = page_text("starter.toml")
-FILES = page_text("files.txt")
-SOLVE = page_text("solve.txt")
-FIRST_STEPS = page_text("first.txt")
-ALSO = {"first": ("quickstart", "tutorial", "start", "intro", "introduction", "begin", "beginners", "steps")}
+ALSO = {  # words that lead to a page
+    "first": ("quickstart", "tutorial", "start", "intro", "introduction", "begin", "beginners", "steps"),
+    "running": ("runs",),
+    "simulation": ("marching",),
+    "accuracy": ("evidence",),
+    "sweeps": ("grids", "grid"),
+    "glossary": ("words", "terms"),
+    "scipy": ("solve", "solve_ivp"),
+    "figures": ("tables", "pictures", "films"),
+    "shapes": ("dims",),
+}
+STARTER = manual_text("starter.toml")
+NO_VERBS: Mapping[str, Iterable[str]] = {}
 MOST_LINES, SHORTEST_WORD = 3, 3  # of a page that says a word, which has so many letters
 
 
-def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:
+def guide(topic: str | None, verbs: Mapping[str, Iterable[str]] = NO_VERBS) -> Iterator[str]:
     """Explain a topic, or list them.
 
     Parameters
     ----------
     topic : str, optional
-    verbs : iterable of str
-        Those of the command line, which have pages of their own.
+    verbs : mapping of str to iterable of str
+        Those of the command line by what they are for; they have pages of their own.
 
     Raises
     ------
     InputError
         If there is no such topic.
     """
-    pages = topics()
+    pages, known_verbs = topics(), [*chain(*verbs.values())]
     if topic is None:
         return _contents(verbs)
     topic = topic_named(topic)
-    topic = next((page for page, words in ALSO.items() if topic in words), topic)
     topic = topic if topic in pages else next((page for page in pages if page[:-1] == topic), topic)
     if topic not in pages:
         if found := [*_pages_that_say(topic)]:
             return iter((f"no page is called '{topic}'; these say it", *found))
-        raise InputError(f"help has no topic '{topic}'{suggestion(topic, tuple(dict.fromkeys((*pages, *verbs))))}")
+        raise InputError(
+            f"help has no topic '{topic}'{suggestion(topic, tuple(dict.fromkeys((*pages, *known_verbs))))}"
+        )
     verb_note = f"the verb of that name: xdynamics {topic} --help"
-    return iter((*pages[topic](), *([verb_note] if topic in verbs else ())))
+    return iter((*terminal_lines(pages[topic]()), *(["", verb_note] if topic in known_verbs else ())))
 
 
 def _pages_that_say(word: str) -> Iterator[str]:
     """Yield the first lines of each page that say a word, or one that begins so: pages that explain it first."""
     said = re.compile(rf"(?<![a-z0-9_]){re.escape(word)}", re.IGNORECASE)
     found = {
-        name: [line.strip() for line in page() if said.search(line)]
+        name: [line.strip() for line in terminal_lines(page()) if said.search(line)]
         for name, page in topics().items()
         if len(word) >= SHORTEST_WORD and name != "first"
     }
@@ -176,140 +198,127 @@ def _pages_that_say(word: str) -> Iterator[str]:
             yield from (f"  {line}" for line in sorted(lines, key=lambda line: not said.match(line))[:MOST_LINES])
 
 
-def _contents(verbs: Iterable[str]) -> Iterator[str]:
-    """List all pages, those on a subject with a description."""
+def _contents(verbs: Mapping[str, Iterable[str]]) -> Iterator[str]:
+    """List all pages, those that are written as texts with their titles."""
     yield "Pages: xdynamics help PAGE"
-    yield from (f"  {name:<9} {description}" for name, description in PAGES_ABOUT.items())
+    titles = described_pages()
+    for group, names in PAGES.items():
+        yield f"  {group}"
+        yield from (f"    {name:<11} {titles[name]}" for name in names)
     yield "Sections of a model file: xdynamics help SECTION"
     yield from wrapped_lines(f"  {', '.join(SECTIONS)}", 2)
     if verbs:
         yield "Verbs: xdynamics help VERB"
-        yield from wrapped_lines(f"  {', '.join(sorted(verbs))}", 2)
+        yield from (f"  {group + ':':<14}{', '.join(names)}" for group, names in verbs.items())
     yield "All of it as a site, with methods, gallery and Python: xdynamics help --html manual"
 
 
 def topic_named(word: str) -> str:
-    """Return a topic as it is listed: without capitals, and without the brackets of a section."""
-    return word.strip("[]").lower()
+    """Return a topic as it is listed: without capitals or the brackets of a section, by the name of its page."""
+    name = word.strip("[]").lower()
+    return next((page for page, words in ALSO.items() if name in words), name)
 
 
-def topics() -> dict[str, Callable[[], Iterable[str]]]:
-    """Return every topic with the function that prints its page."""
-    return {
-        "first": FIRST_STEPS.splitlines,
-        "model": _model_page,
-        "language": _language_page,
-        "shapes": shapes_page,
-        "units": _units_page,
-        "record": _record_page,
-        "runs": RUNS_PAGE.splitlines,
-        "marching": MARCHING_PAGE.splitlines,
-        "precision": PRECISION_PAGE.splitlines,
-        "evidence": EVIDENCE_PAGE.splitlines,
-        "grids": GRIDS_PAGE.splitlines,
-        "words": words_page,
-        "cluster": CLUSTER_PAGE.splitlines,
-        "solve": SOLVE.splitlines,
-        "archives": ARCHIVES_PAGE.splitlines,
-        "files": FILES.splitlines,
-        "fits": FITS_PAGE.splitlines,
-        "json": JSON_PAGE.splitlines,
-        "stores": STORES_PAGE.splitlines,
-        **{name: partial(_section_page, name) for name in SECTIONS},
-        "bodies": lambda: page_before("bodies.txt", _section_page("bodies")),
-        "constraints": lambda: page_before("constraints.txt", _section_page("constraints")),
-        "joints": lambda: page_before("joints.txt", _section_page("joints")),
-        "delays": lambda: page_before("delays.txt", _section_page("history")),
-    }
+def topics() -> dict[str, Callable[[], str]]:
+    """Return every topic with the function that returns its page, in Markdown."""
+    return {name: partial(_page, name) for name in (*chain(*PAGES.values()), *SECTIONS)}
 
 
-def _model_page() -> Iterator[str]:
-    yield "A model file is TOML. Above its sections stand"
-    yield from _key_lines(HEAD)
-    yield "and its sections are"
-    width = max(map(len, SECTIONS)) + 2
-    for name, section in SECTIONS.items():
-        yield from wrapped_lines(f"  {f'[{name}]':{width}}  {section.about}", width + 4)
-    yield "`xdynamics help forces`, and so on, lists the keys of one;"
-    yield "`xdynamics new MODEL.toml` writes a model to begin with."
+def described_pages() -> dict[str, str]:
+    """Return the pages that are written as texts, each with what its title says."""
+    return {name: _title(manual_text(f"{name}.md")) for name in chain(*PAGES.values())}
 
 
-def _section_page(name: str) -> Iterator[str]:
+def _title(markdown: str) -> str:
+    return markdown.partition("\n")[0].removeprefix("# ")
+
+
+def _page(name: str) -> str:
+    """Return a page of the manual, with the tables that are made from what they describe; of a section with its keys."""
+    parts = [manual_text(f"{name}.md")] if has_text(f"{name}.md") else []
+    if name in SECTIONS:
+        parts.append(_section(name, first=not parts))
+    if name == "delays":
+        parts.append(_section("history", first=False))
+    return _MADE.sub(lambda match: MADE[match[1]](), "\n\n".join(part.rstrip("\n") for part in parts))
+
+
+def _section(name: str, *, first: bool) -> str:
     section = SECTIONS[name]
-    section_header = f"[{name}] or [{name}.<{section.entry.replace(' ', '_')}>]" if section.entry else f"[{name}]"
-    yield from wrapped_lines(f"{section_header}: {section.about}", 2)
+    header = f"[{name}] or [{name}.<{section.entry.replace(' ', '_')}>]" if section.entry else f"[{name}]"
+    parts = [f"{'#' if first else '##'} {_quoted(header)}", f"{_quoted(section.about)}."]
     if section.short:
-        yield from wrapped_lines(
-            f"  {'in short, in the place of a table: ' if section.entry else ''}{section.short}", 4
-        )
-    yield from _key_lines(section.keys)
-    yield "for example"
-    for line in section.example.rstrip("\n").split("\n"):
-        yield f"  {line}"
+        parts.append(f"{'In short, in the place of a table: ' if section.entry else ''}{_quoted(section.short)}")
+    return "\n\n".join([*parts, _key_table(section.keys), "For example", code(section.example.splitlines(), "toml")])
 
 
-def _key_lines(keys: Iterable[Key]) -> Iterator[str]:
-    entries = list(keys)
-    width = max(len(key.name) for key in entries)
-    for key in entries:
-        stated = key.default if key.default.startswith("needed") else f"default: {key.default}"
-        default_note = f"; {stated}" if key.default else ""
-        yield from wrapped_lines(f"  {key.name:{width}}  {key.about}  ({key.takes}{default_note})", width + 4)
+def _quoted(text: str) -> str:
+    """Return plain text with the signs that Markdown reads escaped."""
+    return re.sub(r"([\\*_<>\[\]`])", r"\\\1", text)
 
 
-def _language_page() -> Iterator[str]:
-    yield "An expression has numbers, names, t, pi, + - * / ** (a constant exponent), parentheses, and"
+def _key_table(keys: Iterable[Key]) -> str:
+    return table([[f"`{key.name}`", _quoted(_key_text(key))] for key in keys])
+
+
+def _key_text(key: Key) -> str:
+    stated = key.default if key.default.startswith("needed") else f"default: {key.default}"
+    return f"{key.about}  ({key.takes}{f'; {stated}' if key.default else ''})"
+
+
+def _function_table() -> str:
     plain = [name for name in FUNCTIONS if name not in SAID]
-    yield f"  {', '.join(plain)}"
-    for name in FUNCTIONS:
-        if name in SAID:
-            yield from wrapped_lines(f"  {name:6}  {SAID[name]}", 10)
-    yield "A number without a unit is a pure number: 2*metre is a length. Unit names in expressions are"
-    yield from wrapped_lines(f"  {', '.join(CONSTANTS)}", 2)
-    calendar = " and ".join(CALENDAR)
-    yield from wrapped_lines(
-        f"  {calendar} are 365.25 days and a twelfth of that, unless the model has something of that name", 2
+    return f"`{', '.join(plain)}`\n\n" + table(
+        [[f"`{name}`", _quoted(SAID[name])] for name in FUNCTIONS if name in SAID]
     )
-    yield "delayed(x, '20 ms') is a value as it was some time ago: `xdynamics help delays`."
-    yield "Along dimensions and relations there are more: `xdynamics help shapes`."
-    yield "Every term has to have the unit of its place; angles are pure numbers, and radian is 1."
-    yield "  '-c*v_y*abs(v_y)', 'm*l**2/radian**2', 'where(x < a, k*x, k*a)', 'g*sin(theta)'"
 
 
-def _units_page() -> Iterator[str]:
-    yield "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree',"
-    yield "'2 kg m2 s-1', '1' for none."
-    yield from wrapped_lines(f"  units     {', '.join(SPELLING.values())}", 12)
-    yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)};"
-    yield "            u is micro; UDUNITS has no R, Q, r or q: write the power of ten in the number"
-    read_too = ("mph", "kph", "kWh", "Wh", "Ah", "mAh", "Nm", "cP", "cSt", "rev", "lbm")
-    spelled = ", ".join(f"{name} ({PRODUCTS[name]})" for name in read_too)
-    yield from wrapped_lines(f"  products  {spelled}: in brackets as a record spells them", 12)
-    yield from wrapped_lines(
-        "  values    also in month (365.25/12 d), °C and °F, light_year (ly) and parsec (pc, kpc, Mpc, Gpc), hp, slug, oz,"
-        " torr and eV (keV, MeV, GeV), which are kept in d, K, m, W, kg, lb, Pa and J: UDUNITS has them in other sizes; year"
-        " is the Julian one, of 365.25 d, a calorie the thermochemical one, of 4.184 J",
-        12,
-    )
-    yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty: 50 ± 0.5 g, or of its last digits: 50.0(5) g"
+def _unit_table() -> str:
+    spelled = ", ".join(f"{name} ({PRODUCTS[name]})" for name in READ_TOO)
+    prefixes = ", ".join(prefix for prefix in PREFIX.values() if prefix)
+    rows = {
+        "units": ", ".join(SPELLING.values()),
+        "prefixes": f"{prefixes}; u is micro; UDUNITS has no R, Q, r or q: write the power of ten in the number",
+        "products": f"{spelled}: in brackets as a record spells them",
+        "values": "also in month (365.25/12 d), °C and °F, light_year (ly) and parsec (pc, kpc, Mpc, Gpc), hp, slug, oz,"
+        " torr and eV (keV, MeV, GeV), which are kept in d, K, m, W, kg, lb, Pa and J: UDUNITS has them in other sizes;"
+        " year is the Julian one, of 365.25 d, a calorie the thermochemical one, of 4.184 J",
+    }
+    return table([[name, _quoted(text)] for name, text in rows.items()])
 
 
-def _record_page() -> Iterator[str]:
-    yield "A run is one xarray Dataset, whose coordinates are time(step) and labels of elements."
-    yield "Its dimensions are"
-    for name in (schema.STEPS, schema.TRIALS, schema.EVENTS, schema.SAMPLES, schema.CLOSED_LINKS, schema.BOUNDS):
-        yield f"  {name:6}  {schema.DIMENSIONS[name]}"
-    for name, description in OF_MODELS:
-        yield from wrapped_lines(f"  {name}  {description}", 4)
-    yield "An event of each of n elements has two rows of all n: see the end of `xdynamics help shapes`."
-    yield "and its variables, first those that are called after the model's own names,"
-    for name, dim, description in BY_NAME:
-        yield from wrapped_lines(f"  {name}{f' ({dim})' if dim else ''}: {description}", 4)
-    yield "then those of every run."
-    for variable in schema.FIXED:
-        yield from wrapped_lines(_variable_line(variable), 4)
+def _fixed_variables() -> str:
+    return table([[f"`{variable.name}`", _quoted(_variable_text(variable))] for variable in schema.FIXED])
 
 
-def _variable_line(variable: Variable) -> str:
+def _dimension_table() -> str:
+    names = (schema.STEPS, schema.TRIALS, schema.EVENTS, schema.SAMPLES, schema.CLOSED_LINKS, schema.BOUNDS)
+    rows = [*((name, schema.DIMENSIONS[name]) for name in names), *OF_MODELS]
+    return table([[f"`{name}`", _quoted(text)] for name, text in rows])
+
+
+MADE: dict[str, Callable[[], str]] = {  # tables of pages, made from what they describe
+    "head": lambda: _key_table(HEAD),
+    "sections": lambda: table([[f"`[{name}]`", _quoted(section.about)] for name, section in SECTIONS.items()]),
+    "functions": _function_table,
+    "functions along": lambda: table(
+        [[f"`{form}`", _quoted(MEANINGS_ALONG[name])] for name, form in FORMS.items()] + [ONE_ELEMENT]
+    ),
+    "constants": lambda: (
+        f"`{', '.join(CONSTANTS)}`; {' and '.join(CALENDAR)} are 365.25 days and a twelfth of that, unless the model has something of that name."
+    ),
+    "units": _unit_table,
+    "shaped model": lambda: code(SHAPED_MODEL, "toml"),
+    "dimensions": _dimension_table,
+    "variables by name": lambda: table(
+        [[f"`{name}`", _quoted(f"{f'({dim}) ' if dim else ''}{text}")] for name, dim, text in BY_NAME]
+    ),
+    "fixed variables": _fixed_variables,
+    "verdicts": lambda: table([[f"`{verdict}`", _quoted(meaning)] for verdict, meaning in MEANINGS.items()]),
+}
+_MADE = re.compile(r"^\{\{([a-z ]+)\}\}$", re.MULTILINE)
+
+
+def _variable_text(variable: Variable) -> str:
     details = ", ".join([*variable.dims, *([variable.units] if variable.units != "1" else [])])
-    return f"  {variable.name}{f' ({details})' if details else ''}: {variable.long_name}"
+    return f"{f'({details}) ' if details else ''}{variable.long_name}"

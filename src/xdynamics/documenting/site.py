@@ -11,22 +11,22 @@ from html import escape
 from pathlib import Path
 
 from xdynamics.archive.folder_store import new_folder_at
-from xdynamics.documenting.guide import PAGES_ABOUT, topics
-from xdynamics.documenting.pages import page_text
+from xdynamics.documenting.guide import PAGES, described_pages, topics
+from xdynamics.documenting.manual import manual_text
+from xdynamics.documenting.markdown import html
 from xdynamics.model.grammar import SECTIONS
 
-STYLE = page_text("site.css")
+STYLE = manual_text("site.css")
 GUIDE, SECTIONS_OF, COMMANDS, FUNCTIONS = "The guide", "Sections of a model", "Command line", "Python"
 INDEX, VERBS, METHODS, GALLERY, API = "index", "verbs", "methods", "gallery", "api"
 DATA = Path(__file__).parents[3] / "data"  # of a checkout; an installed package has none
 ABOUT = {
-    **PAGES_ABOUT,
+    **described_pages(),
     GALLERY: "What each model of the data folder does.",
     VERBS: "Every command with its options.",
     API: "Everything that import xdynamics has, with signatures.",
     METHODS: "Integration methods: equations, order, stability, what they refuse.",
 }
-_TOPIC = re.compile(r"(?:xdynamics )?\bhelp (\w+)")
 _CODE = re.compile(r"`([^`]+)`")
 _MODEL = re.compile(
     r"## (?P<title>.+)\n\n\[(?P<file>[^\]]+)\]\((?P<path>[^)]+)\)(?:: (?P<said>.*))?\n\n!\[.*\]\((?P<image>.+)\)"
@@ -65,10 +65,11 @@ def site(path: str | Path, verbs: Mapping[str, str], methods: Mapping[str, str],
         If it cannot be written.
     """
     pages = [SitePage("", INDEX, "xdynamics", lambda: _index_html(pages))]
-    pages += [SitePage(GUIDE, name, name, _topic_body(name)) for name in PAGES_ABOUT]
+    pages += [SitePage(group, name, name, _topic_body(name)) for group, names in PAGES.items() for name in names]
     if (DATA / "README.md").is_file():
         pages.append(SitePage(GUIDE, GALLERY, "gallery of models", _gallery))
-    pages += [SitePage(SECTIONS_OF, name, name, _topic_body(name)) for name in SECTIONS]
+    texts = {page.name for page in pages}
+    pages += [SitePage(SECTIONS_OF, name, name, _topic_body(name)) for name in SECTIONS if name not in texts]
     pages += [
         SitePage(COMMANDS, VERBS, "verbs", lambda: _entries_html(verbs, "xdynamics {}")),
         SitePage(
@@ -95,11 +96,13 @@ def _page_html(page: SitePage, pages: Iterable[SitePage]) -> str:
             links.append(f"<h2>{escape(group)}</h2>")
         link_class = ' class="here"' if listed_page is page else ""
         links.append(f'<a href="{listed_page.name}.html"{link_class}>{escape(listed_page.title)}</a>')
+    body = page.body()
+    heading = "" if body.startswith("<h1>") else f"<h1>{escape(page.title)}</h1>\n"
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<title>{escape(page.title)} – xdynamics</title>\n<link rel="stylesheet" href="style.css">\n</head>\n<body>\n'
-        f"<nav>\n{chr(10).join(links)}\n</nav>\n<main>\n<h1>{escape(page.title)}</h1>\n{page.body()}\n</main>\n</body>\n"
+        f"<nav>\n{chr(10).join(links)}\n</nav>\n<main>\n{heading}{body}\n</main>\n</body>\n"
         "</html>\n"
     )
 
@@ -135,12 +138,8 @@ def _page_description(name: str) -> str:
 
 def _topic_body(name: str) -> Callable[[], str]:
     """Return the content of a topic's page, with links to the topics it names."""
-    topic_pages = topics()
-
-    def linked(match: re.Match[str]) -> str:
-        return f'<a href="{match[1]}.html">{match[0]}</a>' if match[1] in topic_pages else match[0]
-
-    return lambda: f"<pre>{_TOPIC.sub(linked, escape(chr(10).join(topic_pages[name]()), quote=False))}</pre>"
+    pages = topics()
+    return lambda: html(pages[name](), pages)
 
 
 class _Table(str):

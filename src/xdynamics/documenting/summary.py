@@ -292,7 +292,7 @@ def _partial_lines(run: xr.Dataset) -> Iterator[str]:
     kind_name = str(attributes.get("summary") or "no run")
     if "solver_method" in attributes:
         unmarched = "run_outcome" not in attributes and any(variable.chunks for variable in run.variables.values())
-        kind_name = "a run that is still to be marched" if unmarched else "a part of a run"
+        kind_name = "a run that is still to be computed" if unmarched else "a part of a run"
     described = kind_description(attributes) or kind_name
     yield f"kind      {described}"
     if is_selection(attributes):
@@ -387,9 +387,7 @@ def _row_counts(run: xr.Dataset) -> str:
     if schema.LOG in run.attrs:
         text += f"; of the columns {run.attrs[schema.LOGGED] if run.attrs[schema.LOG] == schema.CHOSEN else 'the states'} alone"
     if (row_spacing := rows_apart(run.attrs)) > 1:
-        text = (
-            f"one in {row_spacing} of {int(run.attrs['run_rows'])} rows of the march, and what belongs to them: {text}"
-        )
+        text = f"one in {row_spacing} of {int(run.attrs['run_rows'])} rows of the run, and what belongs to them: {text}"
     return f"{text}; {shortened} steps shortened to find events" if shortened else text
 
 

@@ -151,7 +151,7 @@ def check_steps_meet(where: Floats, steps: Floats, near: float, unit: str, every
         i = int(torn[0])
         if every > 1:
             raise InputError(
-                f"t = {times[i]:.15g}{unit} is between rows of the march that were left out, from"
+                f"t = {times[i]:.15g}{unit} is between rows of the run that were left out, from"
                 f" {starts[i]:.15g}{unit} to {ends[i]:.15g}{unit}: of those this record has {RARE.format(every)}, or"
                 " ask for times of kept rows"
             )

@@ -288,7 +288,7 @@ def check_whole(run: xr.Dataset) -> None:
         Naming what it is instead, or how it was changed.
     """
     if not is_whole(run.attrs):
-        raise InputError(f"this is {kind_description(run.attrs)}; a run is marched beside a whole run")
+        raise InputError(f"this is {kind_description(run.attrs)}; a run is computed beside a whole run")
     if all(variable.chunks is None for variable in run.variables.values()):
         archive.check_unchanged(run)
 

@@ -141,7 +141,7 @@ def evaluate_with(node: Node, values: Mapping[str, Any], arithmetic: Arithmetic)
             )
         case Call(function="delayed"):
             raise InputError(
-                f"'{shortened_text(node)}' is known along a march alone; record it as an observable, and read that"
+                f"'{shortened_text(node)}' is known along a run alone; record it as an observable, and read that"
             )
         case Call():
             return arithmetic.functions[node.function](

@@ -16,7 +16,7 @@ CLOSE = 1e-6  # of a value: more than another order of sums and the last digits 
 NEGLIGIBLE = 1e-9  # of a state, or of a state over the span: a difference that does not count
 BEFORE, BEHIND = 24, 40  # characters that are shown around a difference
 REMEDY = (
-    "what is marched is one expression, so a random draw, a counter, a clock or anything else that changes would be"
+    "what is computed is one expression, so a random draw, a counter, a clock or anything else that changes would be"
     " frozen at its first value: make such numbers before, and hand them over in args"
 )
 

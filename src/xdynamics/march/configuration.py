@@ -172,7 +172,7 @@ def unthinned_settings_for(model: Model, **requested_settings: Any) -> Settings:
     if left := [name for name in THINNING if requested_settings.get(name) is not None]:
         raise InputError(
             f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here all rows"
-            " and columns of a march are needed"
+            " and columns of a run are needed"
         )
     return replace(settings_for(model, **requested_settings), **RECORDING)
 

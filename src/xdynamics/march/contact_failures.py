@@ -153,7 +153,7 @@ def balance_inconsistency(march: March) -> str:
     figure, bound = run.balance[FIGURE] * scale, run.balance[BOUND] * scale
     return (
         f"in the group of events of {group or 'contacts'} {finding} {figure:.6g} {dimension}, and tolerances and"
-        f" rounding allow {bound:.3g}: the march contradicts itself, which is no fault of the model; please report it"
+        f" rounding allow {bound:.3g}: the run contradicts itself, which is no fault of the model; please report it"
     )
 
 
@@ -171,7 +171,7 @@ def law_violation(march: March) -> str:
     }[detector.role]
     return (
         f"contact '{detector.name}' {does} {figure:.6g} {dimension}, far more than rounding and the location of events"
-        " leave: the march missed when that began; please report it with the model. Regimes or a shorter step may pass here"
+        " leave: the run missed when that began; please report it with the model. Regimes or a shorter step may pass here"
     )
 
 
@@ -249,7 +249,7 @@ def _or_over_impacts(march: March) -> str:
     """Name Moreau's method as the remedy where a located heap ends, if it takes the model and did not make the run."""
     if march.settings.method.name == OVER_IMPACTS or not marches_over_impacts(march.model):
         return ""
-    return f"; or take method = '{OVER_IMPACTS}', which is for heaps: it steps over impacts (xdynamics help marching)"
+    return f"; or take method = '{OVER_IMPACTS}', which is for heaps: it steps over impacts (xdynamics help simulation)"
 
 
 def _link(march: March) -> str:

@@ -146,7 +146,7 @@ class Runs:
             If no logs were kept.
         """
         if self.log_block.rows != self.ends["rows"].sum():
-            raise InputError("no logs were kept; march with logs=True")
+            raise InputError("no logs were kept; run with logs=True")
         return self.log_block.log.rows[:, self.first_row[run] : self.first_row[run + 1]]
 
 

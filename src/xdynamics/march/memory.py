@@ -55,7 +55,7 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
         ):  # of a version that did not have it, and by its rule, which does not need it
             continue
         if source is None or (source.dtype, source.shape) != (target.dtype, target.shape):
-            raise InputError(f"the march's '{name}' has another form than here: it is of another version of xdynamics")
+            raise InputError(f"the run's '{name}' has another form than here: it is of another version of xdynamics")
     for name in CHANGING:
         if name in arrays:
             getattr(run, name)[...] = arrays[name]

@@ -122,7 +122,7 @@ READING = (
 )
 OF_EVENTS = (
     Key("function", COMPONENT.with_unit("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step shows whether it is one", "needed without every", "searched"),
-    Key("every", DURATION, "in its place: how often a periodic event is met, at exact multiples after the start; each is a node of the march", "none"),
+    Key("every", DURATION, "in its place: how often a periodic event is met, at exact multiples after the start; each is a node of the run", "none"),
     Key("phase", PHASE, "how long after the start a periodic event is first met, 0 for at the start", "one period"),
     Key("direction", word_kind(*DIRECTIONS), "which passages count", "either; of impacts falling"),
     Key("action", word_kind(*ACTIONS, STRIKE), "what is done there; impact takes the keys of a contact too", "record"),
@@ -329,7 +329,7 @@ SECTIONS: dict[str, Section] = {
         full=entries.constraint_table, make=entries.make_constraint, brief="holds", own_tables=True,
     ),
     "controllers": Section(
-        "sampled controllers: at each tick all values are computed from the state just before it; a tick is a node of the march, not an event; in their expressions floor, ceil, round and mod take a number that is whole to rounding as whole: mod(t, T) is 0 at each multiple of T", "controller",
+        "sampled controllers: at each tick all values are computed from the state just before it; a tick is a node of the run, not an event; in their expressions floor, ceil, round and mod take a number that is whole to rounding as whole: mod(t, T) is 0 at each multiple of T", "controller",
         (
             Key("every", DURATION, "the period; ticks lie at exact multiples of it, the first at the start. The controller's own expressions may read it as `every`", NEEDED),
             Key("phase", WAIT, "how long after the start the first tick is", "0"),

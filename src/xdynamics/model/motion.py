@@ -48,7 +48,7 @@ from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.gradient import derivative as derivative_along
 from xdynamics.units import CONSTANTS, TIME, UNSCALED, Dimension, Scales, constant
 
-ALONG_A_MARCH = "has delayed values, which are known along a march alone, and not at a state by itself"
+ALONG_A_MARCH = "has delayed values, which are known along a run alone, and not at a state by itself"
 REGIME_NUMBER = "_regime"  # the name by which trees read the number of the current regime, from 0
 Table = tuple[NDArray[np.float64], NDArray[np.float64]]
 

@@ -187,7 +187,7 @@ def check_names_of_today(statement: Statement) -> None:
 def check_names(statement: Statement, ledger: Ledger) -> None:
     """Check that every name is permitted, and that no two entries claim one name of the record."""
     if not statement.coordinates and not statement.states:
-        ledger.note("has neither coordinates nor states: there is nothing to march")
+        ledger.note("has neither coordinates nor states: there is nothing to integrate")
     if len(statement.events) > MOST_EVENTS:
         ledger.note(f"has {len(statement.events)} events, {MOST_EVENTS} at most")
     functions = statement.functions

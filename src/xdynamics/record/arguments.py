@@ -205,8 +205,8 @@ def march_argument(argument: Any) -> Any:
     run = argument.encoding[STAGE].computed(argument)
     if run is None:
         raise InputError(
-            "this is a part of a run that is still to be marched, or was computed or changed by other means than these"
-            " verbs; give them the run as simulate(…, compute=False) returned it, or march with compute=True"
+            "this is a part of a run that is still to be computed, or was computed or changed by other means than these"
+            " verbs; give them the run as simulate(…, compute=False) returned it, or run with compute=True"
         )
     return run
 

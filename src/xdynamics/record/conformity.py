@@ -178,7 +178,7 @@ def _variable_departures(
     )  # a model with dimensionless time
     if attributes.get("units") == UNKNOWN_UNIT:
         if expected:
-            yield "was edited since the run was marched, so that its unit is not known"
+            yield "was edited since the run was computed, so that its unit is not known"
     elif expected and "units" in attributes and attributes["units"] != expected.units and not timeless:
         yield f"has units {_short_text(attributes['units'])}, needs '{expected.units}'"
     if role == "flag":

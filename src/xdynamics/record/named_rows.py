@@ -67,7 +67,7 @@ def rows_of_events(run: xr.Dataset, side: str, events: NDArray[np.int64]) -> NDA
         if differs.any():
             raise InputError(
                 f"the row {side} {_event_in_words(run, int(events[differs][0]))} is at another time: step_number or a time was"
-                " edited; take the event's states from the run as it was marched"
+                " edited; take the event's states from the run as it was computed"
             )
     return places
 

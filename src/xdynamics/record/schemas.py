@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from xdynamics.schema import Variable
 
 COMPLETED = (
-    "`xdynamics complete RUN.nc -o WHOLE.nc`, or xdynamics.complete(run) in Python, marches it again to its whole log"
+    "`xdynamics complete RUN.nc -o WHOLE.nc`, or xdynamics.complete(run) in Python, computes it again to its whole log"
 )
 RARE = f"one in {{0}} (keep_every = {{0}}): {COMPLETED}"
 
@@ -89,7 +89,7 @@ def check_every_row(attributes: Mapping[Any, Any], subject: str) -> None:
         Naming what needs them, and the remedy.
     """
     if (every := rows_apart(attributes)) > 1:
-        raise InputError(f"{subject} needs every row of the march, and this record has {RARE.format(every)}")
+        raise InputError(f"{subject} needs every row of the run, and this record has {RARE.format(every)}")
 
 
 def log_description(attributes: Mapping[Any, Any]) -> str:
@@ -101,7 +101,7 @@ def log_description(attributes: Mapping[Any, Any]) -> str:
         if attributes[schema.LOG] != schema.CHOSEN
         else f"[{', '.join(map(repr, str(attributes.get(schema.LOGGED, '')).split()))}]"
     )
-    return f"it was marched with log = {which}: {COMPLETED}"
+    return f"it was computed with log = {which}: {COMPLETED}"
 
 
 def check_every_column(attributes: Mapping[Any, Any], subject: str) -> None:

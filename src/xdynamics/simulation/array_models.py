@@ -121,7 +121,7 @@ def read_starts(y0: Any, units: Any) -> tuple[list[str], list[str]]:
     row = [y0] if isinstance(y0, str | int | float) else list(y0)
     if np.ndim(y0) > 1 or not row:
         shape = np.shape(y0)
-        remedy = "give y0.ravel(), and fun reshapes it: y.reshape(…)" if row else "there is nothing to march"
+        remedy = "give y0.ravel(), and fun reshapes it: y.reshape(…)" if row else "there is nothing to integrate"
         raise InputError(f"y0 has shape {shape}, needs one axis of at least one number; {remedy}")
     if len(row) > MOST_ELEMENTS:
         raise InputError(f"y0 has {len(row)} numbers, needs 1 to {MOST_ELEMENTS}")

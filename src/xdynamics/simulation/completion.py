@@ -95,7 +95,7 @@ def complete(
             differing := _first_difference(record.unfold(partial_run), record.unfold(full_run))
         ):
             raise ArchiveError(
-                f"the run cannot be completed: marched again by xdynamics {full_run.attrs['xdynamics_version']},"
+                f"the run cannot be completed: computed again by xdynamics {full_run.attrs['xdynamics_version']},"
                 f" '{differing}' gives other bits than those kept by {partial_run.attrs['xdynamics_version']}; see"
                 " xdynamics.compare"
             )

@@ -111,7 +111,7 @@ def _continued_march(source_run: xr.Dataset, model: Model, until: str | float, p
     if not record.is_of(source_run, march):
         raise InputError(
             f"the run was made by version {source_run.attrs['xdynamics_version']} of xdynamics, or its forces were written in"
-            " other words: march it anew, up to the new end"
+            " other words: run it anew, up to the new end"
         )
     places = {str(name): tuple(entry.dims) for name, entry in source_run.variables.items()}
     needed_dims = {entry.variable.name: entry.variable.dims for entry in record.columns(march)}
@@ -123,7 +123,7 @@ def _continued_march(source_run: xr.Dataset, model: Model, until: str | float, p
             raise InputError(f"the run cannot be extended, it has no {', '.join(left_out)}; {note}")
     if missing:
         raise InputError(
-            f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run, or march anew what an"
+            f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run, or run anew what an"
             " older version made"
         )
     return march
@@ -134,16 +134,16 @@ def _refuse_other_ends(source_run: xr.Dataset) -> None:
     word, text = source_run.attrs["run_outcome"], source_run.attrs["run_outcome_text"]
     if word != OUTCOMES[COMPLETED].word:
         reason = {
-            OUTCOMES[STOPPED].word: "what stops a run is its end; give the event another action, and march anew",
+            OUTCOMES[STOPPED].word: "what stops a run is its end; give the event another action, and run anew",
             OUTCOMES[INTERRUPTED].word: "resume it first",
         }.get(word, "a run that failed cannot be continued")
         raise InputError(f"the run cannot be extended, it is '{word}' ({text}): {reason}")
     if schema.GIVEN_STEP.name in source_run:
-        raise InputError("the run cannot be extended, its steps were given one by one: march anew with all steps")
+        raise InputError("the run cannot be extended, its steps were given one by one: run anew with all steps")
     if schema.END_MEMORY.name not in source_run or "names" not in source_run[schema.END_MEMORY.name].attrs:
         raise InputError(
             f"the run cannot be extended, it keeps no '{schema.END_MEMORY.name}': it was made by another version of xdynamics;"
-            " march anew, up to the new end"
+            " run anew, up to the new end"
         )
 
 
@@ -230,7 +230,7 @@ def _restore_witnesses(march: March, memory: str, numbers: Floats, rows: int) ->
     border = numbers.size - (3 + used) * count
     if not remaining_memory.endswith(f" {schema.WITNESSES}") or border < 0:
         raise InputError(
-            f"the run cannot be extended, its '{schema.END_MEMORY.name}' has no {schema.WITNESSES}: march it anew, up to the new end"
+            f"the run cannot be extended, its '{schema.END_MEMORY.name}' has no {schema.WITNESSES}: run it anew, up to the new end"
         )
     march.witnesses.put(numbers[border:].reshape(3 + used, count), errors)
     return remaining_memory.removesuffix(f" {schema.WITNESSES}"), numbers[:border]

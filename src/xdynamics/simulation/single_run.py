@@ -207,7 +207,7 @@ def _run_section(run: xr.Dataset, bare_model: Model) -> dict[str, Any]:
     }
     if isinstance(recorded_settings.get("step"), np.ndarray):
         raise InputError(
-            "the steps of this run were given one by one, and a [run] has one step; march its model by"
+            "the steps of this run were given one by one, and a [run] has one step; run its model by"
             " simulate(Model.from_record(run.model_toml.item()), step=run.given_step_size, …)"
         )
     section = {name: _file_value(name, value, bare_model) for name, value in recorded_settings.items()}
@@ -441,10 +441,12 @@ def simulate(
     )
     if not compute:
         if progress is not None or resume:
-            raise InputError("progress and resume are for compute=True: what is lazy is marched by whoever computes it")
+            raise InputError(
+                "progress and resume are for compute=True: what is lazy is computed by whoever computes it"
+            )
         return unmarched_run(model, settings, sample_times, path, memory, sizes or {})
     if sizes is not None:
-        raise InputError(f"sizes are {sizes!r}, and are for compute=False: a run that is marched has its own")
+        raise InputError(f"sizes are {sizes!r}, and are for compute=False: a run that is computed has its own")
     return _march_or_sample(model, settings, sample_times, path, memory, progress, resume=resume)
 
 
@@ -531,7 +533,7 @@ def _march_again(archived_run: xr.Dataset, functions: Mapping[str, Callable[...,
     missing = [name for name in needed_names if name not in archived_run.variables]
     if missing:
         raise InputError(
-            f"the selection was saved without {' and '.join(missing)}, from which its run is marched again"
+            f"the selection was saved without {' and '.join(missing)}, from which its run is computed again"
         )
     model = Model.from_record(archived_run["model_toml"].values.item(), functions=functions)
     return simulate(model, **recorded_arguments(archived_run))

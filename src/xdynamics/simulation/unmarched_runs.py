@@ -262,7 +262,7 @@ def _read_sizes(march: March, requested_sizes: Any) -> dict[str, int]:
         return dict(requested_sizes)
     if (rows := _grid_row_count(march)) is None:
         raise InputError(
-            f"how many rows the run of '{march.model.name}' has is known only once it is marched: its steps are chosen,"
+            f"how many rows the run of '{march.model.name}' has is known only once it is computed: its steps are chosen,"
             " or events, nodes or keep_every decide which rows there are. Give a size, sizes={'step': 5000}, say; times=…"
             " for states at these times; or compute=True"
         )

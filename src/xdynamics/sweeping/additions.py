@@ -87,7 +87,7 @@ def existing_additions(
     existing = plan_of(stored_sweep, plan.grid.model.functions)
     faults = list(_setting_conflicts(plan, existing))
     if not faults and existing.digest != stored_sweep.attrs[DIGEST]:
-        faults.append("it was marched by another version of xdynamics, or of its elementary functions")
+        faults.append("it was computed by another version of xdynamics, or of its elementary functions")
     places = [] if faults else [_indices_in_old_axis(axis, existing.grid, faults) for axis in plan.grid.axes]
     if faults:
         headline = f"'{catalogue if catalogue.suffix == ZARR else catalogue.parent}' holds another sweep, '{stored_sweep.attrs['title']}', to which this one does not add"

@@ -81,7 +81,7 @@ def lock_folder(work: Place, folder: Place) -> Iterator[None]:
             stack.enter_context(store_of(work).locked(work))
         except LockedError as error:
             raise InputError(
-                f"another process marches into '{folder}'; wait for it, or name another folder ({error})"
+                f"another process writes into '{folder}'; wait for it, or name another folder ({error})"
             ) from None
         yield
 
@@ -134,7 +134,7 @@ class watch_blocks:  # noqa: N801 - used as a statement
 def _remedy(folder: Place) -> str:
     """Return what is to be done with a damaged sweep."""
     removed = f"'{folder}'" if folder.suffix == ZARR else f"what is damaged or added and '{CATALOGUE}'"
-    return f"remove {removed}, and the same sweep marches what is missing"
+    return f"remove {removed}, and the same sweep computes what is missing"
 
 
 def open_sweep(path: Given) -> xr.Dataset:
@@ -169,7 +169,7 @@ def open_sweep(path: Given) -> xr.Dataset:
         raise InputError(f"the sweep in '{folder}' is not finished; call the same sweep again, and it goes on")
     if not is_there:
         missing = f"{NOTES}/digests.json" if file == folder else CATALOGUE
-        raise InputError(f"'{folder}' holds no sweep: there is no {missing} in it; name what sweep marched into")
+        raise InputError(f"'{folder}' holds no sweep: there is no {missing} in it; name what sweep wrote into")
     try:
         archived_sweep = archive.open_run(file, chunks={} if is_zarr(file) else None)
     except ArchiveError as error:

@@ -311,7 +311,7 @@ def precision(
         sweep, dim = sweep_over(sweep, dim, **settings), next((name for name in (STEP, RTOL) if name in dim), STEP)
     elif settings or not isinstance(dim, str):
         raise InputError(
-            f"{', '.join(settings) or 'axes'} are for a model; the sweep is marched: give the name of its axis"
+            f"{', '.join(settings) or 'axes'} are for a model; the sweep is computed: give the name of its axis"
         )
     sweep, dim = _sweep_and_dim(sweep, dim)
     sweep = _lazy_or_computed(sweep, compute)

@@ -335,7 +335,7 @@ def ragged(
     plan = plan_of(sweep, functions)
     copied_attributes = {key: sweep.attrs[key] for key in COPIED if key in sweep.attrs}
     if compute and sizes is not None:
-        raise InputError(f"sizes are {sizes!r}, and are for compute=False: runs that are marched have their own")
+        raise InputError(f"sizes are {sizes!r}, and are for compute=False: runs that are computed have their own")
     task = Task.of("ragged", partial(_march_all, plan, copied_attributes), (), plan.digest)
     known_names = [f"{RUN}_{column.label}" for _, column in plan.grid.columns]
     stage = Stage(task, lambda: _ragged_template(plan, copied_attributes, _stated_rows(plan, sizes)), known_names)
@@ -375,7 +375,7 @@ def _stated_rows(plan: Plan, sizes: Any) -> int:
     if isinstance(rows, bool) or not isinstance(rows, int) or rows < 1:
         raise InputError(
             f"sizes are {sizes!r}: how many rows {plan.grid.size} runs of '{plan.grid.model.name}' have is known only once"
-            f" they are marched; give a number, sizes={{'{ROW}': {1000 * plan.grid.size}}}, say, or compute=True"
+            f" they are computed; give a number, sizes={{'{ROW}': {1000 * plan.grid.size}}}, say, or compute=True"
         )
     return rows
 

@@ -92,7 +92,7 @@ def member(
     ]
     if differences:
         raise ArchiveError(
-            f"member {grid.member_name(axis_indices)}, marched again, comes to something else: {'; '.join(differences)}"
+            f"member {grid.member_name(axis_indices)}, computed again, comes to something else: {'; '.join(differences)}"
         )
     return run
 

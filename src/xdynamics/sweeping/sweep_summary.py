@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 MAX_LISTED = 12  # values of an axis, and variables, that are listed
 LAZY = (
-    "lazy      nothing is marched yet, and each use marches all of it anew: sweep.compute() keeps the numbers, a path"
+    "lazy      nothing is computed yet, and each use computes all of it anew: sweep.compute() keeps the numbers, a path"
     " keeps them in files, sweep.persist() on a cluster"
 )
 _FIRST = ("run_", "end_time")  # what every sweep has
@@ -52,7 +52,7 @@ def sweep_lines(sweep: xr.Dataset) -> list[str]:
     if uncontrolled_count:
         lines.append(
             f"doubt     of {uncontrolled_count} members absolute tolerances may have let pass 3 % of a variable, if every step erred"
-            " by as much as they allow (run_uncontrolled); one marched by itself is judged by the errors that it had."
+            " by as much as they allow (run_uncontrolled); one computed by itself is judged by the errors that it had."
             " Give smaller ones by atol"
         )
     if PASSED.name in sweep and (count := int(np.count_nonzero(sweep[PASSED.name].values))):

@@ -115,7 +115,7 @@ def parse_unit(text: str) -> Unit:
         raise InputError("unit is empty; a pure number has the unit '1'")
     if stripped == UNKNOWN_UNIT:
         raise InputError(
-            "the unit is unknown: the values were edited since they were marched; state it as their 'units'"
+            "the unit is unknown: the values were edited since they were computed; state it as their 'units'"
         )
     if stripped in (*_CELSIUS, *_FAHRENHEIT, *_MONTH) or _OF_VALUES.fullmatch(stripped):
         kept_unit = parse_scale(stripped).unit.text

@@ -178,7 +178,7 @@ def test_a_wrong_period_is_told(events: str, fault: str) -> None:
 @pytest.mark.parametrize(
     ("every", "fault"),
     [
-        ("2 s", "event 'a' acts every 2.0 s from the start, and the run takes 1.0 s; march longer"),
+        ("2 s", "event 'a' acts every 2.0 s from the start, and the run takes 1.0 s; run longer"),
         ("1 ns", "events act 1000000000 times in the run, 10000000 at most; have them act less often"),
     ],
 )

@@ -143,7 +143,7 @@ def _stated_sizes(sizes: Any, occurrences: int | None, *, is_needed: bool) -> di
 def _at_stated(stated: Mapping[str, int], first: xr.Dataset) -> int:
     if AT not in stated:
         raise InputError(
-            f"the number of times at which both '{first.attrs['title']}' and the other run have values is known only once they are marched;"
+            f"the number of times at which both '{first.attrs['title']}' and the other run have values is known only once they are computed;"
             f" give times=…, a number, sizes={{'{AT}': 5000}}, say, or compute=True"
         )
     return stated[AT]
@@ -159,7 +159,7 @@ def _event_variables(
     names = [name for name in detectors[0] if name in detectors[1]]
     if names and OCCURRENCE not in stated:
         raise InputError(
-            f"how often {', '.join(names)} will be met is known only once the runs are marched; give the number to compare,"
+            f"how often {', '.join(names)} will be met is known only once the runs are computed; give the number to compare,"
             " like occurrences=10 (nan where there are fewer), or 0 for none"
         )
     count = stated.get(OCCURRENCE, 0)

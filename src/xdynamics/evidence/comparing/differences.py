@@ -168,7 +168,7 @@ def common_times(*runs: xr.Dataset) -> Floats:
     shared_times: Floats = union[(union >= begin) & (union <= end)]
     if not shared_times.size:
         raise InputError(
-            "the runs have no recorded time in common: keep_every left out the rows between; march one of them again with"
+            "the runs have no recorded time in common: keep_every left out the rows between; run one of them again with"
             " keep_every = 1"
         )
     return shared_times

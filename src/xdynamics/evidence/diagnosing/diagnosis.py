@@ -190,7 +190,7 @@ def _diagnosis_template(request: DiagnosisRequest, tighter: Tighter | None, run:
     """
     if request.occurrences is None and with_roles(run, ("coordinate",)):
         raise InputError(
-            "how many cycles a run has is known only once it is marched and read; give the number to list, like"
+            "how many cycles a run has is known only once it is computed and read; give the number to list, like"
             " occurrences=10"
         )
     return _blank_diagnosis(request, run, model_of_record(run, request.functions), tighter)
@@ -362,7 +362,7 @@ def diagnosis_lines(diagnosis: xr.Dataset) -> Iterator[str]:
         yield f"cycles of {cycles_text(diagnosis)}: {count}, phases beside {stated_value(diagnosis, 'reference')}"
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
             if diagnosis[name][:count].isnull().all():
-                yield f"{name} is unknown: the reference has fewer cycles, or none was marched"
+                yield f"{name} is unknown: the reference has fewer cycles, or none was computed"
                 continue
             first, last = (diagnosed(diagnosis, name, k) for k in (0, count - 1))
             yield f"{name} = {first} in the first cycle, {last} in the last"

@@ -97,7 +97,7 @@ Functions = Mapping[str, Callable[..., float]]
 
 EXACT, MOST_STEPS = ("dop853", 1e-12), 1_000_000  # of the march that is the reference of phases
 COLLIDING = (
-    f"no run by {EXACT[0]} with rtol {EXACT[1]:g} was marched: of bodies that strike each other it takes many times as long,"
+    f"no run by {EXACT[0]} with rtol {EXACT[1]:g} was computed: of bodies that strike each other it takes many times as long,"
     " and soon parts from any other run"
 )
 PARTS = 64  # of a cycle, from which its area is computed

@@ -261,7 +261,7 @@ def refine(
         return study_stage(subjects).result(compute=compute)
     if not compute:
         raise InputError(
-            "until_change adds levels until changes are small, and how many is known only once they are marched;"
+            "until_change adds levels until changes are small, and how many is known only once they are computed;"
             " give all levels, or compute=True"
         )
     return _refined_until(until_change, subjects, bounds)

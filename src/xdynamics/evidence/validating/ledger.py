@@ -336,7 +336,7 @@ class Case:
         """
         if self.occurrences is None and self.model.elements.contacts:
             raise InputError(
-                f"how many relations of impacts a run of '{self.model.name}' has is not known before marching; give the"
+                f"how many relations of impacts a run of '{self.model.name}' has is not known before it is computed; give the"
                 " number to list, like occurrences=10 (refused where there are fewer), or 0 for none"
             )
         yield from (row for row, _ in self._forms())
