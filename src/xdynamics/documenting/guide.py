@@ -254,7 +254,7 @@ def _section(name: str, *, first: bool) -> str:
 
 def _quoted(text: str) -> str:
     """Return plain text with the signs that Markdown reads escaped."""
-    return re.sub(r"([\\*_<>\[\]`])", r"\\\1", text)
+    return re.sub(r"([\\*_<>\[\]])", r"\\\1", text)
 
 
 def _key_table(keys: Iterable[Key]) -> str:
