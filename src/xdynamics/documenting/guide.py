@@ -246,10 +246,16 @@ def _page(name: str) -> str:
 def _section(name: str, *, first: bool) -> str:
     section = SECTIONS[name]
     header = f"[{name}] or [{name}.<{section.entry.replace(' ', '_')}>]" if section.entry else f"[{name}]"
-    parts = [f"{'#' if first else '##'} {_quoted(header)}", f"{_quoted(section.about)}."]
+    parts = [f"{'#' if first else '##'} {_quoted(header)}", f"{_quoted(_sentence(section.about))}."]
     if section.short:
-        parts.append(f"{'In short, in the place of a table: ' if section.entry else ''}{_quoted(section.short)}")
+        parts.append(
+            f"{'In short, in the place of a table: ' if section.entry else ''}{_quoted(section.short if section.entry else _sentence(section.short))}."
+        )
     return "\n\n".join([*parts, _key_table(section.keys), "For example", code(section.example.splitlines(), "toml")])
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _quoted(text: str) -> str:
