@@ -133,3 +133,11 @@ def test_the_model_with_dimensions_is_one() -> None:
     assert 5.0 < float((far**2).sum("axis").min()) ** 0.5 < 5.3
     energy = run.total_energy.values
     assert abs(energy[-1] / energy[0] - 1) < 1e-11
+
+
+def test_prose_is_short_and_has_the_words_of_the_field() -> None:
+    """Assert that no sentence has over 30 words, nor one of them the program's own name for its loop."""
+    text = re.sub(r"```.*?```|`[^`]*`|^\|.*$|^    .*$|^!\[.*$", "x", README, flags=re.DOTALL | re.MULTILINE)
+    sentences = [one for part in text.split("\n\n") for one in re.split(r"(?<=[.:;?])\s", " ".join(part.split()))]
+    assert max(len(sentence.split()) for sentence in sentences) <= 30
+    assert not re.search(r"\bmarch(es|ed)?\b", text)
