@@ -94,13 +94,6 @@ Attributes = Mapping[Any, Any]
 SHORT = 0.25  # of the slowest period
 
 
-def at_rest_remark(attributes: Attributes) -> Iterator[str]:
-    """Report the velocities that the model does not give."""
-    if schema.AT_REST in attributes:
-        names = ", ".join(str(attributes[schema.AT_REST]).split())
-        yield f"at rest   {names}: [initial] gives none, so that they are 0 at the start"
-
-
 def double_double_remark(attributes: Attributes) -> Iterator[str]:
     """Return where the second floats of numbers are recorded, if numbers are sums of two floats."""
     if precision_of(attributes) == DOUBLE_DOUBLE:
@@ -108,12 +101,10 @@ def double_double_remark(attributes: Attributes) -> Iterator[str]:
 
 
 def step_size_remarks(attributes: Attributes) -> Iterator[str]:
-    """Compare steps with the fastest time scale, and report a span that is short beside the slowest one."""
+    """Compare steps with the period that the fastest rate of the model has, and report a span that is short beside the slowest one."""
     if attributes.get("run_h_omega_largest"):  # none where nothing pulls back, as in free flight
-        yield (
-            f"h*omega   {attributes['run_h_omega_start']:.3g} at the start, {attributes['run_h_omega_largest']:.3g} at"
-            " most, of the fastest rate"
-        )
+        steps_a_period = 2.0 * np.pi / float(attributes["run_h_omega_largest"])
+        yield f"resolved  the fastest motion by at least {steps_a_period:.3g} steps a period"
     if float(attributes.get("run_slowest_periods", 1.0)) < SHORT:
         unit_suffix = (
             "" if attributes["run_slowest_period_units"] == "1" else f" {attributes['run_slowest_period_units']}"
@@ -215,7 +206,6 @@ def _summary_lines(run: xr.Dataset) -> list[str]:
     if not is_whole(attributes) or not has_its_rows(run):
         return [escaped(line) for line in _partial_lines(run)]
     lines = [
-        *at_rest_remark(attributes),
         attributes["title"],
         *_ending_lines("outcome", attributes),
         f"method    {attributes['solver_method']} (order {attributes['solver_order']}), {_step_description(run)}",
@@ -507,8 +497,8 @@ def _event_series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str
     intervals, suffix = np.diff(times), "" if kind == schema.EVENT_KINDS[schema.CROSSING] else f" ({kind})"
     return (
         f"event     {name}{suffix}: {len(rows)} times, the last at t = {_event_time_text(run, rows[-1])};"
-        f" {intervals.mean():.6g}{_second(run)} apart, from {intervals.min():.6g}{_second(run)} to"
-        f" {intervals.max():.6g}{_second(run)}"
+        f" on average {intervals.mean():.3g}{_second(run)} apart, from {intervals.min():.3g}{_second(run)} to"
+        f" {intervals.max():.3g}{_second(run)}"
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from xdynamics import schema
 from xdynamics.faults import InputError
+from xdynamics.march.outcomes import GOOD
 from xdynamics.record.named_rows import rows_named
 from xdynamics.shapes.naming import internal_text
 
@@ -161,13 +162,20 @@ def left_out_atols(attributes: Mapping[Any, Any]) -> dict[str, tuple[float, str]
 def ending_words(attributes: Mapping[Any, Any]) -> tuple[str, str]:
     """Return how a run ended, as one sentence, and the remarks that follow it; without a word of either an empty text.
 
+    An end that was not asked for has its word before the sentence.
+
     Examples
     --------
     >>> ending_words({"run_outcome": "completed", "run_outcome_text": "reached t = 2 s; stiff: radau_iia takes fewer steps"})
-    ('completed: reached t = 2 s', 'stiff: radau_iia takes fewer steps')
+    ('reached t = 2 s', 'stiff: radau_iia takes fewer steps')
+    >>> ending_words({"run_outcome": "nonfinite_force", "run_outcome_text": "at t = 2 s, h = 0.1 s: y is nan"})[0]
+    'nonfinite force: at t = 2 s, h = 0.1 s: y is nan'
     """
     sentence, _, remarks = str(attributes.get("run_outcome_text", "")).partition("; ")
-    return ": ".join(filter(None, (str(attributes.get("run_outcome", "")), sentence))), remarks
+    word = str(attributes.get("run_outcome", ""))
+    if not sentence or not word or word in GOOD:
+        return sentence or word, remarks
+    return f"{word.replace('_', ' ')}: {sentence}", remarks
 
 
 MADE = "made"  # in the encoding of the numbers of rows that what names rows has: whether the file has none
