@@ -1,6 +1,6 @@
 """The files that a model may take its tables from, and the limits under which such files are read.
 
-Sheets of Excel are read as text. The text of a model is checked before it is parsed: parsing a small file can take
+Sheets of Excel are read as text, netCDF, Parquet, HDF5 and MATLAB's files by a process of their own. The text of a model is checked before it is parsed: parsing a small file can take
 gigabytes.
 """
 
@@ -9,6 +9,8 @@ from __future__ import annotations
 import csv
 import io
 import re
+import subprocess
+import sys
 import tomllib
 import zipfile
 from collections.abc import Mapping
@@ -59,6 +61,32 @@ def text_of_workbook(content: bytes) -> str:
             csv.writer(text, lineterminator="\n").writerows(row + [""] * (width - len(row)) for row in rows)
             return text.getvalue()
     raise InputError("no sheet of the workbook has two rows or more")
+
+
+def _text_by_library(path: Path) -> str:
+    """Return a table that a library reads, as CSV, by a process whose time and memory are bounded.
+
+    Raises
+    ------
+    InputError
+        If it holds no table, or the process ended without one.
+    """
+    program = f"import sys; sys.path[:] = {sys.path!r}; from xdynamics.interchange.table_files import main; main(*sys.argv[1:])"
+    try:
+        done = subprocess.run(  # noqa: S603 - our own interpreter, and our own program
+            [sys.executable, "-c", program, str(path.absolute()), path.stem],
+            capture_output=True,
+            timeout=PATIENCE,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise InputError(f"it was not read within {PATIENCE:g} s; save what is needed as CSV") from None
+    said = done.stdout.decode(errors="replace")
+    if done.returncode == REFUSED:
+        raise InputError(said)
+    if done.returncode:
+        raise InputError("reading it takes too much time or memory, or it is damaged; save what is needed as CSV")
+    return said
 
 
 def _check_unpacked(content: bytes) -> None:
@@ -115,6 +143,9 @@ LAST_ROW = 1 << 20  # of a sheet of Excel
 MOST_TAGS = 8 << 14  # of a row: cells of all columns that Excel has, with what is in them
 _ROW = re.compile(rb"<(?:[A-Za-z0-9_]+:)?row\b")
 WORKBOOK = ".xlsx"
+NETCDF, HDF5 = (".nc", ".nc4", ".cdf", ".netcdf"), (".h5", ".hdf5")
+BY_LIBRARIES = (*NETCDF, *HDF5, ".parquet", ".feather", ".mat")  # which are read by a process of their own
+MOST_ROWS_READ, REFUSED, PATIENCE = 2_000_000, 3, 120.0  # rows; exit code of what is no table; s
 
 # a file's own folder and below; any file; no file, as the tables are part of the text
 BELOW, ANYWHERE, EMBEDDED = "below", "anywhere", "embedded"
@@ -160,6 +191,8 @@ class FileAccess:
             path = self._below(name)
         try:
             content = read_bounded(path, LARGEST_TABLE, "; leave out rows, or columns that are not read")
+            if path.suffix.lower() in BY_LIBRARIES:
+                return _text_by_library(path)
             return text_of_workbook(content) if path.suffix.lower() == WORKBOOK else _text_of_table(content)
         except InputError as error:
             why = str(error)

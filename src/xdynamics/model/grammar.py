@@ -254,7 +254,7 @@ SECTIONS: dict[str, Section] = {
     "drives": Section(
         "measured tables, which expressions read by name", "drive",
         (
-            Key("table", name_kind("a file"), "a CSV beside the model, whose header has units, time [s],pull [N], u(pull) [N] for standard uncertainties of rows that are independent, u_common(pull) [N] for one that is common to all rows (a calibration); commas, semicolons or tabs; or a file of an instrument (`xdynamics help files`); in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv", "table.name"),
+            Key("table", name_kind("a file"), "a table beside the model (CSV, Excel, netCDF, Parquet, HDF5, .mat), whose header has units, time [s],pull [N], u(pull) [N] for standard uncertainties of rows that are independent, u_common(pull) [N] for one that is common to all rows (a calibration); commas, semicolons or tabs; or a file of an instrument (`xdynamics help files`); in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv", "table.name"),
             Key("argument", EXPRESSION.with_unit("the unit of the first column"), "what it is measured over: t, a coordinate, a velocity, or an expression, like v*t or x - x0; with dims each element's own", "t"),
             Key("interpolation", word_kind(*INTERPOLATIONS), "between its points", "linear"),
             Key("outside", word_kind(*OUTSIDE), "beyond its ends", "error"),

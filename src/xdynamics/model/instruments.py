@@ -229,10 +229,12 @@ def toa5(lines: list[str], _: str) -> Cells | None:
     )
 
 
-_DATE = r"(?P<year>[0-9]{4})-(?P<month>[0-9]{2})-(?P<day>[0-9]{2})"
+_DATE = r"(?:(?P<year>[0-9]{4})-(?P<month>[0-9]{2})-(?P<day>[0-9]{2})|(?P<d>[0-9]{1,2})\.(?P<m>[0-9]{1,2})\.(?P<y>[0-9]{4}))"
 _CLOCK = r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2}(?:[.,][0-9]+)?))?"
 _INSTANT = re.compile(rf"(?:{_DATE}[T ])?{_CLOCK}\s*(?P<zone>Z|[+-][0-9]{{2}}:?[0-9]{{2}})?")
 _DAY = 86_400
+_QUOTED = ' "'
+_DATE_ALONE, _CLOCK_ALONE = re.compile(_DATE), re.compile(_CLOCK)
 
 
 def times_of_dates(lines: list[str]) -> tuple[list[str], str]:
@@ -245,6 +247,7 @@ def times_of_dates(lines: list[str]) -> tuple[list[str], str]:
     InputError
         If some dates have a time zone and others none, or a date is none of the calendar.
     """
+    lines = _with_dates_joined(lines)
     begin = next((k for k, line in enumerate(lines[:200]) if _INSTANT.fullmatch(line_start(line))), -1)
     if begin < 0:
         return lines, ""
@@ -261,12 +264,42 @@ def times_of_dates(lines: list[str]) -> tuple[list[str], str]:
             raise InputError(
                 f"the time {cell_excerpt(cell)} has {'a' if has_zone else 'no'} time zone, and {origin!r} {'none' if has_zone else 'one'}; write all alike"
             )
-        if "-" not in cell and seconds + days * _DAY < previous - _DAY // 2:
+        if not _DATE_ALONE.match(cell) and seconds + days * _DAY < previous - _DAY // 2:
             days += 1
         previous = seconds + days * _DAY
         rest = line.lstrip().removeprefix('"')[len(cell) :].removeprefix('"')
         timed_lines.append(f"{float(previous - zero)!r}{rest}")
     return timed_lines, origin
+
+
+def _with_dates_joined(lines: list[str]) -> list[str]:
+    """Return lines whose first two cells, a date and a clock, are one; of the titles above them the first is left out."""
+    begin, separator = next(
+        (
+            (k, separator)
+            for k, line in enumerate(lines[:200])
+            for separator in SEPARATORS
+            if _are_date_and_clock(line.split(separator, 2)[:2])
+        ),
+        (-1, ""),
+    )
+    if begin < 0:
+        return lines
+    joined = [*lines[:begin]]
+    if begin and separator in joined[-1] and not joined[-1].lstrip().startswith(COMMENTS):
+        joined[-1] = joined[-1].split(separator, 1)[1]
+    for line in lines[begin:]:
+        first, *others = line.split(separator, 1)
+        both = _are_date_and_clock([first, *(others or [""])[0].split(separator, 1)[:1]])
+        joined.append(f"{first.strip(_QUOTED)} {others[0].lstrip(_QUOTED)}" if both else line)
+    return joined
+
+
+def _are_date_and_clock(cells: Sequence[str]) -> bool:
+    if len(cells) < 2:
+        return False
+    day, clock = (cell.strip(_QUOTED) for cell in cells[:2])
+    return bool(_DATE_ALONE.fullmatch(day) and _CLOCK_ALONE.fullmatch(clock))
 
 
 def line_start(line: str) -> str:
@@ -283,9 +316,10 @@ def _seconds_of(cell: str) -> tuple[Fraction, bool]:
     seconds = (
         3600 * int(parts["hour"]) + 60 * int(parts["minute"]) + Fraction((parts["second"] or "0").replace(",", "."))
     )
-    if parts["year"]:
+    year, month, day = (parts[word] or parts[word[0]] for word in ("year", "month", "day"))
+    if year:
         try:
-            seconds += _DAY * date(int(parts["year"]), int(parts["month"]), int(parts["day"])).toordinal()
+            seconds += _DAY * date(int(year), int(month), int(day)).toordinal()
         except ValueError:
             raise InputError(f"the date {cell_excerpt(cell)} is none of the calendar") from None
     zone = parts["zone"]
