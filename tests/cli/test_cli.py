@@ -34,9 +34,9 @@ def test_run_says_what_a_person_wants_first(tmp_path: Path) -> None:
     assert done.exit_code == 0
     words = [line.split()[0] for line in done.output.splitlines() if not line.startswith(" ")]
     assert words[:5] == ["Ball", "outcome", "remark", "method", "log"]
-    assert words[5:] == ["end", "energy", "h*omega", "event", "event", "archive"]
+    assert words[5:] == ["end", "energy", "resolved", "event", "event", "archive"]
     assert max(map(len, done.output.splitlines())) <= 140
-    assert "stopped_by_event: event 'ground'" in done.output
+    assert "outcome   event 'ground' stopped the run at t = " in done.output
 
 
 def test_settings_reach_the_record(tmp_path: Path) -> None:
@@ -168,7 +168,7 @@ def test_bad_end_is_one(tmp_path: Path) -> None:
         "run", MODELS / "cart_spring.toml", "-o", tmp_path / "far.nc", "--set", "x=19 cm", "--set", "v_x=3 m s-1"
     )
     assert done.exit_code == 1
-    assert "outside_drive_table" in done.output
+    assert "outside drive table: at t = " in done.output
     xd.verify(tmp_path / "far.nc")
 
 

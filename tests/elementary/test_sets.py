@@ -88,7 +88,7 @@ def test_a_resumed_run_is_of_the_set_that_is_asked_for(tmp_path: Path) -> None:
     """Assert that a finished archive with one set is not taken for a run with another."""
     path = tmp_path / "run.nc"
     xd.simulate(MODEL, **ASKED, math_functions=FIRST, path=path).close()
-    with pytest.warns(ResumeWarning, match="marched from its start"):
+    with pytest.warns(ResumeWarning, match="computed from its start"):
         again = xd.simulate(MODEL, **ASKED, path=path, resume=True)
     assert again.attrs["math_functions"] == NAME
 

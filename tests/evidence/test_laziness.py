@@ -18,6 +18,7 @@ from cases.stages import assert_same_bits, marches, no_march
 from xdynamics.evidence import modes
 from xdynamics.evidence.stages import is_lazy
 from xdynamics.methods import METHODS
+from xdynamics.stability import spectrum
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 ASKED: dict[str, Any] = {"method": "rk4", "step": 0.1, "until": 12.0}
@@ -28,7 +29,8 @@ Stage = Callable[..., xr.Dataset]
 @pytest.fixture(autouse=True)
 def _few_methods(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `modes` seek the largest steps of two methods alone: of all they take a second."""
-    monkeypatch.setattr(modes, "METHODS", {name: METHODS[name] for name in ("rk4", "velocity_verlet")})
+    for module in (modes, spectrum):
+        monkeypatch.setattr(module, "METHODS", {name: METHODS[name] for name in ("rk4", "velocity_verlet")})
 
 
 def data() -> Any:

@@ -27,7 +27,7 @@ def test_the_accessor_has_the_verbs(run: xr.Dataset) -> None:
     """Assert that each word gives what its verb gives, with a docstring."""
     xr.testing.assert_identical(run.dynamics.at("0:1:5 s"), xd.sample(run, np.linspace(0, 1, 5)))
     assert "stopped" not in repr(run.dynamics)
-    assert repr(run.dynamics).startswith("Bouncing ball, by velocity_verlet\noutcome   completed")
+    assert repr(run.dynamics).startswith("Bouncing ball, by velocity_verlet\noutcome   reached t = 2 s")
     public = [name for name in dir(run.dynamics) if not name.startswith("_")]
     assert public == ["at", "events", "frame", "plot"] or "animate" in public
     assert all(getattr(type(run.dynamics), name).__doc__ for name in public)

@@ -75,5 +75,5 @@ def test_room_grows_by_a_quarter_and_zeros_of_events_have_none():
 
 def test_help_says_what_events_of_every_element_cost():
     """Assert that the page of shapes says it, and that of the record leads to it."""
-    assert "2*n*n numbers" in " ".join(" ".join(guide("shapes")).split())
+    assert "`2*n*n` numbers" in " ".join(" ".join(guide("shapes")).split())
     assert "xdynamics help shapes" in " ".join(guide("record"))

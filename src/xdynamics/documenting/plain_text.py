@@ -211,7 +211,15 @@ def _definition_line(model: Model, name: str) -> str:
 
 
 def _rate_line(model: Model, name: str) -> str:
-    return f"rate      of {name} = {printed_simply(model.elements.statement.states[name].rate)}"
+    state = model.elements.statement.states[name]
+    trees = [*([] if state.written_rate is None else [printed_simply(state.written_rate)]), *state.terms]
+    terms = "".join(f"; {term} = {printed_simply(tree)}{_when(model, term)}" for term, tree in state.terms.items())
+    return f"rate      of {name} = {' + '.join(trees)}{terms}"
+
+
+def _when(model: Model, term: str) -> str:
+    acting = [name for name, regime in model.regimes.items() if term in regime.terms]
+    return f" in {', '.join(acting)}" if acting else ""
 
 
 def _controller_line(model: Model, name: str) -> str:

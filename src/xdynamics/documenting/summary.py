@@ -503,11 +503,13 @@ def _event_series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str
 
 
 def _moving_names(run: xr.Dataset) -> list[str]:
-    return [
-        str(name)
-        for name, variable in run.variables.items()
-        if variable.attrs.get("role") in ("coordinate", "velocity")
-    ]
+    """Return what an event's line tells: coordinates and velocities, or the states of a model without any."""
+    by_role: dict[str, list[str]] = {}
+    for name, variable in run.variables.items():
+        role = "state" if variable.attrs.get("role") == "state" else "motion"
+        if role == "state" or variable.attrs.get("role") in ("coordinate", "velocity"):
+            by_role.setdefault(role, []).append(str(name))
+    return by_role.get("motion") or by_role.get("state", [])
 
 
 @of_shown_elements

@@ -33,15 +33,9 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.constraints import beyond_trees
 from xdynamics.model.linearisation import jacobian_names, tangent_space
-from xdynamics.model.motion import (
-    REGIME_NUMBER,
-    constants,
-    drive_pieces,
-    evaluate_over_states,
-    motion_inputs,
-    variables,
-)
+from xdynamics.model.motion import constants, drive_pieces, evaluate_over_states, motion_inputs, variables
 from xdynamics.model.regime_model import switch_inputs, watched_by
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.model.switches import STEPPED_OVER, jumping_switches
 from xdynamics.reaction_names import contact_state, friction_state
 from xdynamics.record.flag_words import words_of_flag

@@ -25,9 +25,10 @@ from xdynamics.expressions import Node, derivatives, free_names
 from xdynamics.model import Model
 from xdynamics.model.controllers import actions, controller_states, exact_time, start_values, tick_changes, ticks
 from xdynamics.model.kinks import with_whole_numbers
-from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, drive_slope, evaluate_over_states, variables
+from xdynamics.model.motion import constants, drive_pieces, drive_slope, evaluate_over_states, variables
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import NORMAL, Reaction, reactions
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.model.switches import watched_switches
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import velocity

@@ -34,7 +34,8 @@ from xdynamics.model import Model
 from xdynamics.model.constraints import conditions, implied_conditions, state_corrections
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.linearisation import force_totals, mass_matrices
-from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, drive_slope, evaluate_over_states, variables
+from xdynamics.model.motion import constants, drive_pieces, drive_slope, evaluate_over_states, variables
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, rate, velocity
 

@@ -25,10 +25,11 @@ from xdynamics.march.settings import FILIPPOV
 from xdynamics.methods.moreau import MOREAU_JEAN
 from xdynamics.model import Function, Model
 from xdynamics.model.delays import is_before
-from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, variables
+from xdynamics.model.motion import constants, drive_pieces, evaluate_over_states, variables
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
 from xdynamics.model.regime_model import RegimeModel
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.model.sliding import arm_rates, sided_model, surfaces
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
 from xdynamics.record.flag_words import words_of_flag

@@ -21,7 +21,7 @@ from xdynamics.kernels.layout import Layout, layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Function, Model
 from xdynamics.model.constraints import Assignment
-from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, motion, potentials
+from xdynamics.model.motion import constants, drive_pieces, evaluate_over_states, motion, potentials
 from xdynamics.model.reactions import (
     ALIKE,
     NORMAL,
@@ -35,6 +35,7 @@ from xdynamics.model.reactions import (
     sharing_pairs,
 )
 from xdynamics.model.regime_model import RegimeModel
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.model.sliding import SlidingModel, sided_model, sliding_model, surfaces
 from xdynamics.model.switches import switch_side
 from xdynamics.record.folding import quantity_names

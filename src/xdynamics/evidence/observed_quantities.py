@@ -23,14 +23,8 @@ from xdynamics.kernels.newton_matrix import column_groups
 from xdynamics.model import Model
 from xdynamics.model.constraints import Assignment
 from xdynamics.model.elementwise import in_si
-from xdynamics.model.motion import (
-    REGIME_NUMBER,
-    constants,
-    has_diagonal_mass,
-    motion,
-    moves_by_quantities,
-    rates_of_quantities,
-)
+from xdynamics.model.motion import constants, has_diagonal_mass, motion, moves_by_quantities, rates_of_quantities
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import AT, acceleration, rate, velocity
 from xdynamics.shapes import Extent, Shapes

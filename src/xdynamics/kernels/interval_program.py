@@ -23,9 +23,10 @@ from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Location,
 from xdynamics.model.delays import is_before, slope_before
 from xdynamics.model.detectors import GAP, differentiated_reactions, function_bend, function_rate, python_values
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.motion import REGIME_NUMBER, constant_names, drive_slope
+from xdynamics.model.motion import constant_names, drive_slope
 from xdynamics.model.reactions import mode_names
 from xdynamics.model.regime_model import switch_inputs
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.schema import acceleration, rate, velocity
 
 # operations of `elementary.intervals` by their number of operands

@@ -40,7 +40,6 @@ from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.kinks import with_whole_numbers
 from xdynamics.model.linearisation import derivative_assignments, jacobian_names
 from xdynamics.model.motion import (
-    REGIME_NUMBER,
     before_start,
     change_name,
     changes_of_quantities,
@@ -57,6 +56,7 @@ from xdynamics.model.motion import (
 )
 from xdynamics.model.reactions import reaction_table
 from xdynamics.model.regime_model import watched_by
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.schema import ENERGIES
 from xdynamics.shapes import at_element
 from xdynamics.shapes.blocks import Blocks

@@ -24,8 +24,9 @@ from xdynamics.march.outcomes import COMPLETED, RUNNING
 from xdynamics.march.run import AFTER_EVENT, CHANGING, ENDS_THERE, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
-from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states
+from xdynamics.model.motion import constants, drive_pieces, evaluate_over_states
 from xdynamics.model.regime_model import RegimeModel, watched_by
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.model.sliding import MOST_AT_ONCE, Surface, arm_rates, sliding_model, surfaces
 from xdynamics.model.switches import switch_side
 from xdynamics.schema import SLIDE, SLIDES, share_of

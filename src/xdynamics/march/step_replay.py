@@ -11,7 +11,8 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import children
 from xdynamics.methods import ConstraintImpulse, Evaluation, Solve, VectorStatement
 from xdynamics.methods.lines import TaylorSeries, Walker
-from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_motion
+from xdynamics.model.motion import constants, drive_pieces, evaluate_motion
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:

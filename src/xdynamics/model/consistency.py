@@ -85,8 +85,7 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
         ledger.raise_faults()
     if statement.mass or not statement.lagrangian:
         check_motion(statement, dimensions, ledger)
-    for name, state in statement.states.items():
-        check_tree_dimension(ledger, f"rate of state '{name}'", state.rate, dimensions, dimensions[name] / time)
+    _check_rates(statement, dimensions, time, ledger)
     for name, drive in statement.drives.items():
         _check_drive(name, drive, statement, dimensions, ledger)
     for name, event in statement.events.items():
@@ -259,9 +258,24 @@ def _check_controller(
             ledger.note(f"{label}: start of '{target}' is '{start}', needs the unit '{units[target].text}'")
 
 
+def _check_rates(statement: Statement, dimensions: Mapping[str, Dimension], time: Dimension, ledger: Ledger) -> None:
+    """Check the rate of each state, and its terms."""
+    for name, state in statement.states.items():
+        trees = {"rate": state.written_rate} | {f"term '{term}'": tree for term, tree in state.terms.items()}
+        for label, tree in trees.items():
+            if tree is not None:
+                check_tree_dimension(ledger, f"{label} of state '{name}'", tree, dimensions, dimensions[name] / time)
+
+
 def _check_regimes(statement: Statement, ledger: Ledger) -> None:
-    """Check that regimes list forces of the model, and that every force acts in one of them."""
+    """Check that regimes list forces and terms of the model, and that every force acts in one of them."""
+    terms = [*dict.fromkeys(term for state in statement.states.values() for term in state.terms)]
     for name, regime in statement.regimes.items():
+        for term in regime.terms:
+            if term not in terms:
+                ledger.note(
+                    f"regime '{name}' has '{term}', which is no term of a rate; there are: {', '.join(terms) or 'none'}"
+                )
         for force in regime.forces:
             if force not in statement.forces:
                 ledger.note(

@@ -264,7 +264,7 @@ def faults_of_ticks(timed_actions: Sequence[Action], start: Fraction, end: Fract
                 else f"acts every {float(action.every)!r}{second} from"
             )
             faults.append(
-                f"{action.owner} {clause} the start, and the run takes {float(end - start)!r}{second}; march"
+                f"{action.owner} {clause} the start, and the run takes {float(end - start)!r}{second}; run"
                 " longer, or have it act sooner"
             )
     count = sum(_tick_count(action, start, end) for action in timed_actions)

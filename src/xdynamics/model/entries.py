@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.expressions import Node, text_of
+from xdynamics.expressions.calculus import sum_of_terms
 from xdynamics.faults import InputError, first_names
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import REFUSE, Table
@@ -26,6 +27,7 @@ from xdynamics.model.parts import (
     Observable,
     Output,
     Parameter,
+    State,
     Validation,
 )
 from xdynamics.model.section import Section
@@ -216,6 +218,24 @@ def make_event(**values: Any) -> Event:
     if action == "record" and values.get("count", 1) > 1:
         raise InputError(f"count is {values['count']}, and action 'record' does nothing that could wait for it")
     return Event(reset=values.pop("set", {}), **values)
+
+
+def make_state(unit: Unit, rate: Node | None = None, terms: Mapping[str, Node] | None = None, **others: Any) -> State:
+    """Make a first-order state, whose rate is the sum of its terms and of what stands beside them.
+
+    Raises
+    ------
+    InputError
+        If it has neither.
+    """
+    if not terms:
+        if rate is None:
+            raise InputError(
+                'key \'rate\' is missing; write how fast it changes, or terms = { heater = "…", loss = "…" }'
+            )
+        return State(unit, rate, **others)
+    total = sum_of_terms([*([] if rate is None else [rate]), *terms.values()])
+    return State(unit, total, terms=dict(terms), own_rate=rate, **others)
 
 
 def make_controller(every: Quantity, outputs: dict[str, Output], **controller_settings: Any) -> Controller:

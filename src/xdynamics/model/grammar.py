@@ -53,7 +53,6 @@ from xdynamics.model.parts import (
     Observable,
     Pictured,
     Regime,
-    State,
 )
 from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
 from xdynamics.model.statement import BOUND
@@ -274,10 +273,11 @@ SECTIONS: dict[str, Section] = {
     ),
     "states": Section(
         "first-order companions of the motion: fuel, charge, memory of a controller", "state",
-        (Key("unit", UNIT, "of the state", NEEDED), Key("rate", EXPRESSION.with_unit("that unit per second"), "how fast it changes", NEEDED), Key("smooth", FLAG, "as of forces", "false"), DIMS, DESCRIPTION),
+        (Key("unit", UNIT, "of the state", NEEDED), Key("rate", EXPRESSION.with_unit("that unit per second"), "how fast it changes", "needed without terms", "written_rate", None), Key("terms", EXPRESSIONS, "parts of the rate by name, which are added to it; one that regimes list acts in these alone, others always", "none"), Key("smooth", FLAG, "as of forces", "false"), DIMS, DESCRIPTION),
         '[states.fuel]\nunit = "kg"\nrate = "-1e-3*kilogram/second*abs(v_x)/(1*metre/second)"\nsmooth = true\ndescription = "what is left"\n'
-        '[states.warmth]\nunit = "J"\ndims = ["bead", "site"]\nrate = "-warmth/(3*second)"\n',
-        make=State, own_tables=True,
+        '[states.warmth]\nunit = "J"\ndims = ["bead", "site"]\nrate = "-warmth/(3*second)"\n'
+        '[states.room]\nunit = "K"\nterms = { loss = "-(room - 280*kelvin)/hour", heater = "20*kelvin/hour" }\n',
+        make=entries.make_state, own_tables=True,
     ),
     "initial": Section(
         "where the motion starts: t, every coordinate, velocity and state", "initial value",
@@ -344,9 +344,13 @@ SECTIONS: dict[str, Section] = {
         make=entries.make_controller, own_tables=True,
     ),
     "regimes": Section(
-        "which forces act together while a regime lasts; events switch between them", "regime",
-        (Key("forces", name_list_kind("the forces that act in it"), "the terms that act", NEEDED), DESCRIPTION),
-        '[regimes.pulled]\nforces = ["gravity", "drag", "chain"]\ndescription = "by the motor"\n[regimes.free]\nforces = ["gravity"]\n',
+        "which forces, and which terms of rates, act together while a regime lasts; events switch between them", "regime",
+        (
+            Key("forces", name_list_kind("the forces that act in it"), "the forces that act", "none", omitted=()),
+            Key("terms", name_list_kind("the terms of rates that act in it"), "the terms of states' rates that act", "none", omitted=()),
+            DESCRIPTION,
+        ),
+        '[regimes.pulled]\nforces = ["gravity", "drag", "chain"]\nterms = ["heater"]\ndescription = "by the motor"\n[regimes.free]\nforces = ["gravity"]\n',
         make=Regime, own_tables=True,
     ),
     "observables": Section(

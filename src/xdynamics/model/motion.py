@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME
-from xdynamics.expressions import Along, Binary, Call, Compare, Name, Node, Number, derivative, expand, free_names
+from xdynamics.expressions import Along, Binary, Name, Node, Number, derivative, expand, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, ModelError
@@ -40,6 +40,7 @@ from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
 from xdynamics.model.reactions import free_acceleration, mode_names, reaction_assignments, reactions, unloaded
 from xdynamics.model.regime_model import switch_inputs, watched_by
+from xdynamics.model.regimes import REGIME_NUMBER, in_some
 from xdynamics.model.switches import Switch, where_it_decides
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, force, rate, velocity
@@ -49,7 +50,6 @@ from xdynamics.shapes.gradient import derivative as derivative_along
 from xdynamics.units import CONSTANTS, TIME, UNSCALED, Dimension, Scales, constant
 
 ALONG_A_MARCH = "has delayed values, which are known along a run alone, and not at a state by itself"
-REGIME_NUMBER = "_regime"  # the name by which trees read the number of the current regime, from 0
 Table = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -182,12 +182,7 @@ def in_regimes(model: Model, term: str, tree: Node) -> Node:
     """Return a tree of a force term as it is in the current regime: itself, or 0."""
     if acts_always(model, term):
         return tree
-    selected: Node = ZERO
-    for i, regime in reversed(list(enumerate(model.regimes.values()))):
-        if term in regime.forces:
-            holds = Compare("==", Name(REGIME_NUMBER), Number(float(i)))
-            selected = Call("where", (holds, tree, selected))
-    return selected
+    return in_some(tree, [i for i, regime in enumerate(model.regimes.values()) if term in regime.forces])
 
 
 def decides(model: Model, switch: Switch) -> Node:

@@ -101,13 +101,24 @@ _IN_ACDD = {"creator": "creator_name"} | {
 
 @dataclass(frozen=True)
 class State:
-    """A first-order state beside the motion; `smooth` as in `Force`."""
+    """A first-order state beside the motion; `smooth` as in `Force`.
+
+    Its rate is an expression, or the sum of one and of terms by name, of which those that regimes list act in these
+    alone. `own_rate` is then what stands beside the terms.
+    """
 
     unit: Unit
     rate: Node
     description: str = ""
     smooth: bool = False
     dims: tuple[str, ...] = ()
+    terms: Mapping[str, Node] = field(default_factory=dict)
+    own_rate: Node | None = None
+
+    @property
+    def written_rate(self) -> Node | None:
+        """The rate as it was written, without the terms."""
+        return self.own_rate if self.terms else self.rate
 
 
 @dataclass(frozen=True)
@@ -350,7 +361,8 @@ class Validation:
 
 @dataclass(frozen=True)
 class Regime:
-    """The force terms that act during a regime."""
+    """The force terms that act during a regime, and the terms of rates."""
 
-    forces: tuple[str, ...]
+    forces: tuple[str, ...] = ()
     description: str = ""
+    terms: tuple[str, ...] = ()

@@ -21,6 +21,7 @@ from xdynamics.model.kinds import Functions, Source, read_text
 from xdynamics.model.lagrangian import TERMS, motion_of
 from xdynamics.model.links import related
 from xdynamics.model.parts import DIRECTIONS, STRIKE, Coordinate
+from xdynamics.model.regimes import with_regimes
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
 from xdynamics.model.table_keys import check_keys, read_choice, suggestion
@@ -70,6 +71,7 @@ def read_statement(statement: Mapping[str, Any], path: Path, functions: Function
             shapes = related(parts["extents"], parts["relations"], ledger)
             ledger.raise_faults()
     parts["contacts"] |= _read_entries(_IMPACTS, impacts, source, ledger)
+    parts["states"] = {name: with_regimes(state, parts["regimes"]) for name, state in parts["states"].items()}
     _add_held_states(parts, ledger)
     parts["observables"] = {entry: part.expression for entry, part in parts["observed"].items()}
     parts |= _read_start(parts, start, ledger)

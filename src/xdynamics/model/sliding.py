@@ -24,6 +24,7 @@ from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, motion, variables
 from xdynamics.model.parts import ACTIONS, Event, Function
 from xdynamics.model.regime_model import RegimeModel, regime_model, watched_by
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.model.switches import LOCATED, Switch, switch_side
 from xdynamics.runtime.lazy_imports import cached_property
 
@@ -233,9 +234,11 @@ class SlidingModel(RegimeModel):
         return mixed
 
     def _on_side(self, owner: str, tree: Node, surface: Surface, side: int) -> Node:
-        if surface.regimes and owner in self.plain.statement.forces:
-            regime = [*self.plain.statement.regimes.values()][surface.regimes[(1 + side) // 2]]
-            if owner not in regime.forces:
+        if surface.regimes:
+            number = surface.regimes[(1 + side) // 2]
+            tree = expand(tree, {REGIME_NUMBER: Number(float(number))})
+            regime = [*self.plain.statement.regimes.values()][number]
+            if owner in self.plain.statement.forces and owner not in regime.forces:
                 return ZERO
         return expand(tree, {switch_side(i): Number(float(side * factor)) for i, factor in surface.switches})
 

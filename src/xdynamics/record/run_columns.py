@@ -365,7 +365,7 @@ def left_out_tolerances(march: March) -> dict[str, tuple[float, str]]:
 
 def _forces_by_regime(model: Model) -> dict[str, str]:
     """List the forces that act in each regime."""
-    acting = "; ".join(f"{name}: {' '.join(regime.forces)}" for name, regime in model.regimes.items())
+    acting = "; ".join(f"{name}: {' '.join((*regime.forces, *regime.terms))}" for name, regime in model.regimes.items())
     return {"forces": acting} if acting else {}
 
 

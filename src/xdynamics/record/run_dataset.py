@@ -150,7 +150,7 @@ def check_growth(march: March, bytes_taken: float, more: float, memory: str | fl
         2 * march.event_pairs,
         march.now.t * march.settings.scales.si_factor(TIME),
     )
-    reached = f"the march of '{march.model.name}' is at t = {now:.6g}{unit_suffix(march.model.time_unit)}"
+    reached = f"the run of '{march.model.name}' is at t = {now:.6g}{unit_suffix(march.model.time_unit)}"
     if 2 * of_events < rows:
         raise InputError(
             f"{reached} with {rows} rows, which take {size_text(bytes_taken)} of memory, and {limit}; give path=… to stream"
@@ -194,7 +194,7 @@ def _check_march(march: March) -> None:
         of_it = f", {size_text(sizes[largest])} of it {largest}," if largest else ""
         remedy = "fewer elements" + ", or a method that solves no equations" * solves
         raise InputError(
-            f"a march of {layout.used.size} numbers by {march.settings.method.name} takes about {size_text(needed)}{of_it}"
+            f"a run of {layout.used.size} numbers by {march.settings.method.name} takes about {size_text(needed)}{of_it}"
             f" beside its record, and {size_text(room)} of memory can be had; take {remedy}"
         )
 

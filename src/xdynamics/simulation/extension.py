@@ -22,8 +22,9 @@ from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.march.run import NO_LINK
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies, impulse_quantities
-from xdynamics.model.motion import REGIME_NUMBER, constants, decides, drive_pieces, evaluate_over_states
+from xdynamics.model.motion import constants, decides, drive_pieces, evaluate_over_states
 from xdynamics.model.parts import Authorship
+from xdynamics.model.regimes import REGIME_NUMBER
 from xdynamics.record.arguments import recorded_arguments
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.schemas import log_description
