@@ -94,6 +94,8 @@ def test_the_wheel_is_one_of_a_platform_and_small(wheel: Path) -> None:
         texts = {Path(entry.filename).name: entry for entry in file.infolist() if entry.filename.endswith(".ll.xz")}
         assert set(texts) == {part.file_name for part in (*PARTS, GROWTH)}
         assert sum(entry.compress_size for entry in texts.values()) < 1_000_000
+        assert b"Root-Is-Purelib: false" in file.read("xdynamics-0.2.0.dist-info/WHEEL")
+        assert {f"xdynamics/manual/{name}" for name in ("first.md", "starter.toml", "site.css")} <= {*file.namelist()}
         assert not [
             name for name in file.namelist() if name.split("/")[0] not in ("xdynamics", "xdynamics-0.2.0.dist-info")
         ]

@@ -175,3 +175,17 @@ def test_lines_over_a_histogram_say_what_they_are() -> None:
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["median", "95 % between"]
     places = [float(line.get_xdata()[0]) for line in axes.lines]
     assert places == np.quantile(sweep.end_x.values, [0.5, 0.025, 0.975]).tolist()
+
+
+def test_kinks_that_nobody_named_are_not_marked() -> None:
+    """Assert that a plot of a thrown ball marks its events, and not where the modulus of its speed turns; a jump is."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    texts = {"drag": {"y": "-c*v_y*abs(v_y)"}}
+    run = xd.simulate(model.replace(forces=texts), method="dop853", rtol=1e-9)
+    assert any("drag.abs" in str(word) for word in run.event_detector.attrs["flag_meanings"].split())
+    written = {text.get_text() for axes in xd.plot(run).axes for text in axes.texts}
+    assert {"ground"} <= {part for text in written for part in text.split(", ")}
+    assert not any("drag.abs" in text for text in written)
+    relay = xd.simulate(xd.Model.from_toml(MODELS / "relay_oscillator.toml"))
+    legends = [axes.get_legend() for axes in xd.plot(relay).axes]
+    assert any("relay.sign" in text.get_text() for legend in legends if legend for text in legend.get_texts())

@@ -44,6 +44,7 @@ PLAIN = ("crossing", "regime_switch", "reset")  # kinds that an event's own name
 IN_LEGEND = "events"  # the mark of lines that a legend names for all panels
 ENDS = ("first", "second")  # of a relation: the elements that met
 NOWHERE = {"none", "-1"}  # labels of no element
+KINK = re.compile(r"\.(abs|min|max)\b")  # in the name of a switch that nobody named: the force bends there, no more
 Rows = NDArray[np.int64]
 
 
@@ -94,16 +95,19 @@ def counted_name(event_name: str, count: int, *, is_drawn: bool = True) -> str:
 
 
 def event_kinds(run: xr.Dataset) -> list[EventKind]:
-    """Return the events of a run by name and kind, in the order in which they first happen."""
+    """Return the events of a run by name and kind, in the order in which they first happen; without kinks of forces."""
     detectors, kinds = words_of_flag(run["event_detector"]), words_of_flag(run["event_kind"])
     pairs = [*zip(detectors, kinds, strict=True)]
     if len({*pairs}) > MOST_NAMED:  # elements of one event together
         pairs = [(split_element_name(name)[0], kind) for name, kind in pairs]
     counts = Counter(pairs)
+    for pair in [pair for pair in counts if KINK.search(pair[0])]:
+        del counts[pair]
     numbers: dict[tuple[str, str], list[int]] = {pair: [] for pair in counts}
     for number, pair in enumerate(pairs):
-        numbers[pair].append(number)
-    are_many = len(pairs) > MOST_DRAWN
+        if pair in numbers:
+            numbers[pair].append(number)
+    are_many = counts.total() > MOST_DRAWN
     return [
         EventKind(
             counted_name(name if kind in PLAIN else f"{name} {kind}", count, is_drawn=not are_many or count <= SELDOM),
