@@ -16,15 +16,20 @@ from cases.problems import MODELS, oscillator
 from xdynamics.figures.curves import has_chords, refined_line, thinned_rows
 
 
-@pytest.mark.dear
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_every_format_is_written(tmp_path: Path, ending: str) -> None:
-    """Assert that a figure of each format begins as such a file does."""
+def test_every_format_is_written_and_names_its_run(tmp_path: Path, ending: str) -> None:
+    """Assert that a file of each format begins as such a file does, has title and digest of the run, and no date."""
     run = xd.simulate(oscillator().model, step=0.01, until=5.0)
+    xd.save(run, tmp_path / "run.nc")
+    archived = xd.open_run(tmp_path / "run.nc")
     path = tmp_path / f"run.{ending}"
-    xd.plot(run, path)
+    xd.plot(archived, path)
     start = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending]
     assert path.read_bytes().startswith(start)
+    assert archived.attrs["content_digest"].encode() in path.read_bytes().replace(b"\\\n", b"")
+    assert archived.attrs["title"].encode() in path.read_bytes()
+    assert b"CreationDate" not in path.read_bytes()
+    assert b"<dc:date>" not in path.read_bytes()
 
 
 def test_axes_have_units_and_recorded_times() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 from xdynamics.archive import check_states, without_stale_units
@@ -130,9 +130,20 @@ def plot(
         drawn_panels = drawn_panels[: page.most_panels]
     with background_style(dark=dark):
         figure = sheet(drawn_panels, title, foot, page.panel_height(len(drawn_panels)), size)
+        figure.title, figure.about = title, _digests_text([subject, *companions])
         if path is not None:
             write_figure(figure, location_of(path), dpi)
     return figure
+
+
+def _digests_text(records: Iterable[Any]) -> str:
+    """Return the digests of what is drawn: of an archive its content, of what was not archived its model."""
+    digests = []
+    for record in records:
+        attributes = getattr(record, "attrs", {})
+        if key := next((key for key in ("content_digest", "model_digest") if key in attributes), ""):
+            digests.append(f"{attributes.get('title', 'a record')}: {key} {attributes[key]}")
+    return "; ".join(digests)
 
 
 def _record_to_draw(record: xr.Dataset) -> xr.Dataset:

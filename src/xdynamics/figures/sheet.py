@@ -316,10 +316,17 @@ NOTEBOOK_DPI = 100  # of a picture in a notebook
 
 
 class Picture(Figure):
-    """A figure of matplotlib that shows itself as the last line of a cell."""
+    """A figure of matplotlib that shows itself as the last line of a cell.
+
+    Attributes
+    ----------
+    title, about : str
+        What is drawn, and the digests of it, for the metadata of a file.
+    """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
+        self.title, self.about = "", ""
         FigureCanvasAgg(self)  # a canvas without a kind looks for a renderer anew for the size of every text
 
     def _repr_png_(self) -> bytes:
@@ -485,9 +492,16 @@ def write_figure(figure: Picture, path: Place, dpi: int = DPI) -> None:
         return
     image_buffer = BytesIO()
     with figure.as_laid_out():
-        figure.savefig(image_buffer, format=ending[1:], dpi=dpi, metadata={"Date": None} if ending == ".svg" else None)
+        figure.savefig(image_buffer, format=ending[1:], dpi=dpi, metadata=_metadata(figure, ending))
     with temporary_file("figure", path) as part:
         part.write_bytes(image_buffer.getvalue())
+
+
+def _metadata(figure: Picture, ending: str) -> dict[str, str | None]:
+    """Return what a file says of itself: what is drawn, and its digests; no dates, so that the same is the same file."""
+    about_key = {".pdf": "Subject"}.get(ending, "Description")
+    dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(ending, {})
+    return {"Title": figure.title, about_key: figure.about} | dates
 
 
 @contextmanager
