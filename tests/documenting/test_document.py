@@ -6,7 +6,11 @@ The manual as a site: every topic, verb, method, name and model is in it, and ev
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
+import zipfile
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -17,8 +21,9 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.command_line import call
-from cases.problems import MODELS
+from cases.problems import MODELS, ROOT
 from xdynamics.cli import main
+from xdynamics.documenting import carried_wheel
 from xdynamics.documenting.equations import TextTable, formula_svg, model_blocks
 from xdynamics.documenting.guide import described_pages, topics
 from xdynamics.documenting.markdown import terminal_lines
@@ -311,3 +316,51 @@ def test_a_folder_that_is_there_is_left_alone(manual: Path) -> None:
     assert done.exit_code == 2
     assert str(manual) in done.output
     assert sorted(path.name for path in manual.iterdir()) == before
+
+
+@pytest.mark.dear
+def test_the_line_of_a_bundle_makes_it_again_in_an_environment_that_knows_nothing_of_here(tmp_path: Path) -> None:
+    """Assert that its wheel is installed by pip without a registry, and that the package in it makes the number again."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    certificate = xd.certify(model, "y", event="apex", method="dop853", rtol=1e-8, draws=0)
+    xd.bundle(tmp_path / "apex", certificate)
+    line = next(
+        text.strip() for text in (tmp_path / "apex" / "README.md").read_text().splitlines() if "pip install" in text
+    )
+    install, remake = line.split(" && ")
+    wheel = install.removeprefix("pip install ")
+    assert remake == "xdynamics recheck apex"
+    site = tmp_path / "site"
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", site, wheel]
+    subprocess.run(pip, cwd=tmp_path, check=True)
+    program = f"import sys; sys.path.insert(0, {str(site)!r}); import xdynamics.cli as c; print(c.__file__); c.main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, *remake.split()[1:]],
+        cwd=tmp_path,
+        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(str(site))
+    assert {path.name for path in (site / "bin").iterdir()} == {"xdynamics"}
+
+
+def test_the_wheel_of_a_bundle_is_the_package(tmp_path: Path) -> None:
+    """Assert that all modules and texts are in it with their digests, and that it is the same file each time."""
+    first, second = tmp_path / "a.whl", tmp_path / "b.whl"
+    for path in (first, second):
+        carried_wheel.write_wheel(path)
+    assert first.read_bytes() == second.read_bytes()
+    with zipfile.ZipFile(first) as wheel:
+        names = {*wheel.namelist()}
+        record = wheel.read("xdynamics-0.2.0.dist-info/RECORD").decode().splitlines()
+        entry_points = wheel.read("xdynamics-0.2.0.dist-info/entry_points.txt").decode()
+    wanted = {
+        f"xdynamics/{path.relative_to(ROOT / 'src' / 'xdynamics')}"
+        for path in (ROOT / "src" / "xdynamics").rglob("*.py")
+    }
+    assert wanted | {"xdynamics/manual/first.md", "xdynamics/py.typed"} <= names
+    assert {row.split(",")[0] for row in record} == names
+    assert "xdynamics = " in entry_points

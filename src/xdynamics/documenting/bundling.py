@@ -15,6 +15,7 @@ from xdynamics.archive.store import GIVEN, Given, LocalFile, Place, location_of,
 from xdynamics.archive.target import taking_path_name
 from xdynamics.budgeting import certificate as certificates
 from xdynamics.budgeting.numerical import march_own_run
+from xdynamics.documenting import carried_wheel
 from xdynamics.evidence.evidence_dataset import stated_value
 from xdynamics.evidence.validating.ledger import validate
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
@@ -74,12 +75,14 @@ def bundle(
     -------
     Path
         The folder: `certificate.nc`, `run.nc` (the accepted-state log), `ledger.nc` (validation residuals), `model.toml`,
-        their figures and `plot.py` that draws them, `README.md`, digests of all in `SHA256SUMS`, and RO-Crate metadata.
+        their figures and `plot.py` that draws them, this package as a wheel, `README.md`, digests of all in `SHA256SUMS`,
+        and RO-Crate metadata.
 
     Raises
     ------
     InputError
-        If the folder holds something, or it is no certificate, or the package `rocrate` is missing.
+        If the folder holds something, or it is no certificate, or the package `rocrate` is missing, or this one is not
+        installed.
     ArchiveError
         If the run that is marched is another than the certificate's.
     """
@@ -88,7 +91,7 @@ def bundle(
     except ImportError:
         raise InputError("bundles need the package rocrate: pip install xdynamics[report]") from None
     record = certificates.certificate_of(certificate)
-    target = location_of(folder)
+    target, wheel = location_of(folder), carried_wheel.wheel_name()
     store_of(target).check_empty(target)
     model = Model.from_record(record["model_toml"].values.item(), functions=functions)
     run = march_own_run(model, json.loads(str(record.attrs["asked"])))
@@ -102,9 +105,10 @@ def bundle(
             plot(dataset, (built / name).with_suffix(".png"))
         _write_text(built / MODEL, model.to_toml())
         _write_text(built / SCRIPT, _SCRIPT)
-        _write_text(built / README, _readme(record, resolve_links(target).name))
-        _crate(ROCrate(), built, record, license)
-        names = [*SAID, CRATE]
+        carried_wheel.write_wheel(built / wheel)
+        _write_text(built / README, _readme(record, resolve_links(target).name, wheel))
+        _crate(ROCrate(), built, record, license, SAID | {wheel: carried_wheel.ABOUT})
+        names = [*SAID, wheel, CRATE]
         _write_text(built / SUMS, "".join(f"{_file_digest(LocalFile(built / name, name))}  {name}\n" for name in names))
     return target
 
@@ -182,13 +186,14 @@ def _bundle_faults(folder: Place) -> list[str]:
     sums = store.content(present[SUMS], LONGEST_SUMS).decode(errors="replace")
     rows = [line.partition("  ") for line in sums.splitlines()]
     digests = {name: digest for digest, _, name in rows}
-    missing_files = [f"{name} is missing" for name in (*SAID, CRATE) if name not in digests or name not in present]
+    files = {*SAID, CRATE, *filter(carried_wheel.is_wheel, digests)}
+    missing_files = [f"{name} is missing" for name in sorted(files) if name not in digests or name not in present]
     damaged_files = [
         f"{name} differs from its digest"
         for name, digest in digests.items()
-        if name in {*SAID, CRATE} & {*present} and _file_digest(store.local_file(present[name])) != digest
+        if name in files & {*present} and _file_digest(store.local_file(present[name])) != digest
     ]
-    added_files = sorted({*present} - {*SAID, CRATE, SUMS})
+    added_files = sorted({*present} - files - {SUMS})
     return [*missing_files, *damaged_files, *(f"{name} is none of its files" for name in added_files)]
 
 
@@ -202,11 +207,11 @@ def _write_text(path: Path, text: str) -> None:
         target.part.write_text(text, encoding="utf-8")
 
 
-def _readme(certificate: xr.Dataset, name: str) -> str:
+def _readme(certificate: xr.Dataset, name: str, wheel: str) -> str:
     """Describe the bundle: its number, its files, and how to reproduce it."""
-    files = "\n".join(f"* `{file}`: {description}" for file, description in SAID.items() if file != README)
+    described = SAID | {wheel: carried_wheel.ABOUT}
+    files = "\n".join(f"* `{file}`: {description}" for file, description in described.items() if file != README)
     gates = "\n".join(f"* {line}" for line in certificates.certificate_lines(certificate)[1:-2])
-    version = certificate.attrs.get("xdynamics_version", "")
     return f"""# {certificate.attrs["title"]}
 
 {certificate.attrs["of"]} = {stated_value(certificate, "result")}
@@ -215,7 +220,7 @@ def _readme(certificate: xr.Dataset, name: str) -> str:
 
 All of it is made again, and compared number by number, by
 
-    pip install xdynamics=={version} && xdynamics recheck {name}
+    {remaking_command(name, wheel)}
 
 ![Terms of the budget](certificate.png)
 
@@ -225,7 +230,12 @@ All of it is made again, and compared number by number, by
 """
 
 
-def _crate(crate: Any, target: Path, certificate: xr.Dataset, licence: str) -> None:
+def remaking_command(name: str, wheel: str) -> str:
+    """Return the line that makes a bundle again, where its folder stands."""
+    return f"pip install {name}/{wheel} && xdynamics recheck {name}"
+
+
+def _crate(crate: Any, target: Path, certificate: xr.Dataset, licence: str, described: Mapping[str, str]) -> None:
     """Write RO-Crate metadata of the files (Soiland-Reyes and others 2022, doi:10.3233/DS-210053)."""
     kinds = {
         ".nc": "application/x-netcdf",
@@ -233,12 +243,13 @@ def _crate(crate: Any, target: Path, certificate: xr.Dataset, licence: str) -> N
         ".png": "image/png",
         ".py": "text/x-python",
         ".md": "text/markdown",
+        ".whl": "application/zip",
     }
     crate.name = str(certificate.attrs["title"])
     crate.description = f"{certificate.attrs['of']} = {stated_value(certificate, 'result')}"
     crate.datePublished = str(certificate.attrs["date_created"])
     crate.license = licence
-    for name, description in SAID.items():
+    for name, description in described.items():
         properties = {
             "name": name,
             "description": description,

@@ -11,8 +11,8 @@ from xdynamics.archive.folder_store import check_target, store_of, taking_name
 from xdynamics.archive.store import Given, Place, location_of, resolve_links
 from xdynamics.budgeting.budget_summary import contribution_text, drawn_doubt, terms_by_share
 from xdynamics.budgeting.certificate import gate_reasons
-from xdynamics.documenting import equations
-from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
+from xdynamics.documenting import carried_wheel, equations
+from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files, remaking_command
 from xdynamics.documenting.equations import CodeBlock, PageSection, Paragraph, PictureBlock, TextTable, model_blocks
 from xdynamics.evidence.evidence_dataset import FAILED, GATES, NOT_CHECKED, stated_value
 from xdynamics.evidence.refining.convergence import verdict_text
@@ -302,8 +302,10 @@ def _ledger_section(ledger: xr.Dataset) -> PageSection:
 
 
 def _reproduction_section(certificate: xr.Dataset, bundle: Place) -> PageSection:
-    version, name = certificate.attrs.get("xdynamics_version", ""), resolve_links(bundle).name
-    command = f"pip install xdynamics=={version} && xdynamics recheck {name}"
+    name = resolve_links(bundle).name
+    wheels = [entry.name for entry in store_of(bundle).names(bundle) if carried_wheel.is_wheel(entry.name)]
+    version = certificate.attrs.get("xdynamics_version", "")
+    command = remaking_command(name, wheels[0]) if wheels else f"xdynamics recheck {name} # by xdynamics {version}"
     digests = [
         ["model", str(certificate.attrs["model_digest"])],
         *([f"run, level {k + 1}", str(digest)] for k, digest in enumerate(certificate["run_digest"].values)),
