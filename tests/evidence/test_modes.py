@@ -285,10 +285,33 @@ def test_modes_are_kept_as_evidence(name: str, tmp_path: Path) -> None:
         xd.save(found.assign(fastest_time_scale=found["fastest_time_scale"] * 2.0), tmp_path / "edited.nc")
 
 
+@pytest.mark.parametrize(
+    ("c", "said"),
+    [
+        ("0", []),
+        ("1", ["damped    0.866 rad s-1 decaying at 0.5 s-1"]),
+        ("4", ["decays    2 without oscillation"]),
+    ],
+)
+def test_damping_is_told_beside_undamped_frequencies(c: str, said: list[str]) -> None:
+    """Assert what a mass of 1 kg on 1 N/m turns at and decays by without, with little, and with too much damping."""
+    model = xd.Model(
+        name="damped",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "1 N m-1", "c": f"{c} kg s-1"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
+    lines = summary(modes(model))
+    assert "modes     1; undamped frequency 1 rad s-1; the longest period is 6.283 s" in lines
+    assert [line for line in lines if line.startswith(("damped", "decays"))] == said
+
+
 def test_modes_are_told_in_words() -> None:
     """Assert frequencies, rigid motions, growth, and the steps to begin with of two masses and of a balanced pendulum."""
     lines = "\n".join(summary(modes(loaded("coupled_masses"))))
-    assert "modes     2; frequencies 2, 3 rad s-1; the longest period is 3.142 s" in lines
+    assert "modes     2; undamped frequencies 2, 3 rad s-1; the longest period is 3.142 s" in lines
     assert "growth" not in lines
     assert "0.039 s to begin with by midpoint, heun" in lines
     balanced = "\n".join(summary(modes(loaded("balanced_pendulum"))))

@@ -178,11 +178,11 @@ def test_discs_that_fall_straight_are_seen_in_the_plane() -> None:
     run = xd.simulate(xd.Model.from_toml(MODELS / "granular_box.toml"), until="20 ms")
     figure = xd.plot(run)
     assert figure.axes[0].get_title(loc="left").startswith("the plane")
-    assert '4 of 6 panels; with panels = "all" also 2 of velocity' in figure.get_supxlabel()
+    assert '4 of 6 panels; with --panels all (panels="all") also 2 of velocity' in figure.get_supxlabel()
     staged = xd.simulate(xd.Model.from_toml(MODELS / "staged_rocket.toml"), until="1 s")
     drawn, every = xd.plot(staged), xd.plot(staged, panels="all")
     shown, all_of_them = (len([axes for axes in part.axes if axes.get_visible()]) for part in (drawn, every))
-    assert f'{shown} of {all_of_them} panels; with panels = "all" also' in drawn.get_supxlabel()
+    assert f'{shown} of {all_of_them} panels; with --panels all (panels="all") also' in drawn.get_supxlabel()
     assert "panels" not in every.get_supxlabel()
 
 

@@ -98,6 +98,13 @@ def test_dates_say_what_they_are_counted_from(tmp_path: Path) -> None:
     [
         ("t,pull (N)\n2021-02-30 00:00,0\n2021-03-01 00:00,1\n", {}, "'2021-02-30 00:00' is none of the calendar"),
         ("t,F (N)\n2021-01-01 00:00,0\n2021-01-01 00:01Z,1\n", {}, "has a time zone, and '2021-01-01 00:00' none"),
+        (
+            "t,pull (N)\n3/25/2024 10:00:00,0\n3/25/2024 10:00:01,5\n",
+            {},
+            r"the time '3/25/2024 10:00:00' is not read: .* 2024-03-25",
+        ),
+        ("Date,Time,pull (N)\n3/25/2024,10:00:00,0\n3/25/2024,10:00:01,5\n", {}, "the time '3/25/2024' is not read"),
+        ("t,pull (N)\n2:05:00 PM,0\n2:05:01 PM,5\n", {}, "the time '2:05:00 PM' is not read: .* clocks as 14:05:00"),
         (f"{PLAIN}1.5,7\n", {}, 'line 5: .*, of which duplicates = "first", "last" or "mean" takes one'),
         (PLAIN, {"duplicates": '"jump"'}, "duplicates is 'jump', needs 'first', 'last'"),
         (PLAIN, {"argument_column": '"clock"'}, "has no column 'clock', which argument_column names; there are 'time"),

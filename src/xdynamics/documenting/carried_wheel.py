@@ -56,7 +56,9 @@ def _modules() -> Iterator[tuple[str, bytes]]:
 def _metadata(folder: str) -> Iterator[tuple[str, bytes]]:
     yield f"{folder}/WHEEL", b"Wheel-Version: 1.0\nGenerator: xdynamics\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
     found = _installed()
-    about = found.read_text("METADATA") or found.read_text("PKG-INFO") or ""  # installed, or beside modules in their place
+    about = (
+        found.read_text("METADATA") or found.read_text("PKG-INFO") or ""
+    )  # installed, or beside modules in their place
     yield f"{folder}/METADATA", about.encode()
     yield f"{folder}/entry_points.txt", (found.read_text("entry_points.txt") or "").encode()
 

@@ -135,7 +135,18 @@ BY_NAME = (  # variables of the record that are named after the model's own name
 )
 PAGES = {  # by what they are for; sections of a model file have pages besides
     "Start": ("first", "figures", "accuracy", "sweeps", "scipy", "python"),
-    "Models": ("model", "language", "units", "files", "shapes", "bodies", "joints", "constraints", "delays"),
+    "Models": (
+        "model",
+        "language",
+        "units",
+        "files",
+        "shapes",
+        "contacts",
+        "bodies",
+        "joints",
+        "constraints",
+        "delays",
+    ),
     "Runs": ("running", "archives", "record", "simulation", "precision", "fits", "stores", "cluster", "json"),
     "Words": ("glossary", "changes"),
 }

@@ -357,7 +357,7 @@ def _time_scale_lines(model: Model) -> Iterator[str]:
             if spectrum.fastest < float("inf")
             else "nothing turns or decays"
         )
-        words = [turning, *([f"periods {', '.join(periods[:4])}"] if periods else [])]
+        words = [turning, *([f"undamped periods {', '.join(periods[:4])}"] if periods else [])]
         words += [f"{event} after about {delay:.3g}{second}"] if event else []
         yield f"scales    at the start: {'; '.join(words)}"
         steps = {

@@ -497,8 +497,17 @@ def _event_series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str
     intervals, suffix = np.diff(times), "" if kind == schema.EVENT_KINDS[schema.CROSSING] else f" ({kind})"
     return (
         f"event     {name}{suffix}: {len(rows)} times, the last at t = {_event_time_text(run, rows[-1])};"
-        f" on average {intervals.mean():.3g}{_second(run)} apart, from {intervals.min():.3g}{_second(run)} to"
-        f" {intervals.max():.3g}{_second(run)}"
+        f" {_spacing_text(intervals, _second(run))}"
+    )
+
+
+def _spacing_text(intervals: Any, second: str) -> str:
+    """Tell the times between events: one number where it tells all."""
+    least, mean, most = (f"{value:.4g}" for value in (intervals.min(), intervals.mean(), intervals.max()))
+    return (
+        f"{mean}{second} apart"
+        if least == most
+        else f"on average {mean}{second} apart, from {least}{second} to {most}{second}"
     )
 
 

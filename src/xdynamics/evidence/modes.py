@@ -345,6 +345,7 @@ def modes_lines(modes: xr.Dataset) -> Iterator[str]:
     """Describe frequencies, growth, the shortest time scale, and the step suggested for each method."""
     yield f"about     {modes.attrs['summary'].removeprefix('Linearisation about ')}"
     yield f"modes     {_frequency_sentence(modes)}"
+    yield from _damping_lines(modes)
     growth, scale = modes["eigenvalue_real"], modes["fastest_time_scale"]
     fastest, largest = float(growth.max()) if growth.size else 0.0, 1.0 / float(scale)
     if fastest > ROUNDING * largest:
@@ -352,6 +353,24 @@ def modes_lines(modes: xr.Dataset) -> Iterator[str]:
     scale_text = f"{float(scale):.4g}{unit_suffix(str(scale.attrs['units']))}, one over the largest eigenvalue"
     yield f"fastest   {scale_text if largest > 0.0 else 'nothing turns, grows or decays here'}"
     yield from _suggested_step_lines(modes)
+
+
+def _damping_lines(modes: xr.Dataset) -> Iterator[str]:
+    """Tell how fast oscillations decay and what they turn at then, where anything damps them."""
+    values = modes["eigenvalue_real"].values + 1j * modes["eigenvalue_imag"].values
+    size = float(np.abs(values).max(initial=0.0))
+    damped = values[values.real < -ROUNDING * size]
+    unit = unit_suffix(str(modes["eigenvalue_real"].attrs["units"]))
+    turning = damped[damped.imag > ROUNDING * size]
+    if turning.size:
+        shown = [
+            f"{value.imag:.4g}{unit.replace(' ', ' rad ', 1)} decaying at {-value.real:.4g}{unit}"
+            for value in turning[:MOST_TOLD]
+        ]
+        rest = f", … and {turning.size - MOST_TOLD} more" if turning.size > MOST_TOLD else ""
+        yield f"damped    {', '.join(shown)}{rest}"
+    if creeping := int((np.abs(damped.imag) <= ROUNDING * size).sum()):
+        yield f"decays    {creeping} without oscillation"
 
 
 def _frequency_sentence(modes: xr.Dataset) -> str:
@@ -364,7 +383,7 @@ def _frequency_sentence(modes: xr.Dataset) -> str:
     phrases = [f"{frequency.size}"]
     if shown_frequencies:
         units, longest = unit_suffix(str(frequency.attrs["units"])), 2.0 * np.pi / float(oscillating[0])
-        word = "frequency" if len(shown_frequencies) == 1 else "frequencies"
+        word = "undamped frequency" if len(shown_frequencies) == 1 else "undamped frequencies"
         phrases.append(f"{word} {', '.join(shown_frequencies)}{units}; the longest period is {longest:.4g}{second}")
     if rigid := values.size - oscillating.size:
         phrases.append(f"{rigid} {'rigid motion' if rigid == 1 else 'rigid motions'}")

@@ -155,12 +155,20 @@ def _common_dimension(
 MOST_COMPARED = 1_000  # names compared to find the one that was meant
 
 
+_IN_CELSIUS, _IN_FAHRENHEIT = "20 °C is 293.15*kelvin", "68 °F is 293.15*kelvin"
+TEMPERATURES = dict.fromkeys(("celsius", "Celsius", "degC", "deg_C", "centigrade"), _IN_CELSIUS) | dict.fromkeys(
+    ("fahrenheit", "Fahrenheit", "degF", "deg_F"), _IN_FAHRENHEIT
+)
+
+
 def _near_names(name: str, names: Mapping[str, Dimension]) -> str:
     # imported for a message alone
     from difflib import get_close_matches
 
     stems = (name.removesuffix("_dot"), name.removesuffix("dot"), name.removesuffix("_prime"), name.removeprefix("d"))
     rates = [f"v_{stem}" for stem in stems if stem != name and f"v_{stem}" in names]  # as models write them
+    if name in TEMPERATURES:
+        return f"; a temperature is written in kelvin: {TEMPERATURES[name]}"
     near = rates or get_close_matches(name, [*names][:MOST_COMPARED], n=1)
     meant = f"; did you mean '{near[0]}'?" if near else ""
     try:

@@ -185,7 +185,7 @@ def _omitted_panels_note(keyed: list[KeyedPanel], selected_panels: list[KeyedPan
     counts = Counter(kind for kind, _, _ in keyed)
     counts.subtract(kind for kind, _, _ in selected_panels)
     omitted_kinds = ", ".join(kind if count == 1 else f"{count} of {kind}" for kind, count in counts.items() if count)
-    note = f'{len(selected_panels)} of {len(keyed)} panels; with panels = "{ALL}" also {omitted_kinds}'
+    note = f'{len(selected_panels)} of {len(keyed)} panels; with --panels {ALL} (panels="{ALL}") also {omitted_kinds}'
     return note if omitted_kinds else ""
 
 

@@ -22,6 +22,7 @@ from xdynamics.evidence.comparing.grids import DIFFERS, UNKNOWN, WITHIN
 from xdynamics.evidence.grid_axes import AXIS, END_TIME, member_number_names, sweep_axis_names, vanishing
 from xdynamics.faults import first_names
 from xdynamics.figures.curves import thinned_rows
+from xdynamics.figures.line_panels import wrapped_angles, wrapped_names
 from xdynamics.figures.marks import (
     COLOURS,
     at_time,
@@ -292,6 +293,8 @@ def _draw_member_line(part: xr.Dataset, name: str, x: Values, axes: Axes, k: int
     number = part[name]
     if OCCURRENCE in number.dims:
         values = number.transpose(..., OCCURRENCE).values
+        if any(name.endswith(f"_{angle}") for angle in wrapped_names(part)):
+            values = wrapped_angles(values, str(number.attrs["units"]))
         size = 0.9 if values.size > LARGE else 2.0 if values.size > FEW_POINTS else 3.5
         style = {"markeredgewidth": 0, "alpha": 0.8, "rasterized": True}
         draw_line(axes, np.repeat(x, values.shape[1]), values.ravel(), ".", k, label, size=size, **style)

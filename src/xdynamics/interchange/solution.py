@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 COMPLETED, STOPPED, FAILED = 0, 1, -1
 OUTCOMES = {"completed": COMPLETED, "stopped_by_event": STOPPED}
 SPACINGS = 16.0  # of the span's largest time, up to which a time beyond an end is that end
+EVALUATIONS = ("force_evaluations", "jacobian_evaluations", "factorisations")
+SWITCH = "."  # in the name of a switch inside a force, which is no event of the model
 MOST_ROWS = 4  # of a solution that is printed
 
 
@@ -38,12 +40,14 @@ class Solution:
     sol : callable
         ``sol(t)`` is the state at any times within the run, shape (n,) or (n, k).
     t_events, y_events : list of ndarray
-        For every event of the model its times, and the states after it, shape (k, n).
+        For every event of the model its times, and the states after it, shape (k, n); switches inside forces are none.
     status : int
         0: the end of the span was reached, 1: an event stopped the run, -1: it ended early.
     message : str
     names : tuple of str
         Of the rows of y.
+    nfev, njev, nlu : int
+        How often the function, its Jacobian, and a factorisation were computed; 0 of what the method does without.
     """
 
     t: Floats
@@ -54,6 +58,25 @@ class Solution:
     status: int
     message: str
     names: tuple[str, ...]
+    nfev: int = 0
+    njev: int = 0
+    nlu: int = 0
+
+    def __getitem__(self, name: str) -> Any:
+        """Return one of them by its name, as scipy's does.
+
+        Raises
+        ------
+        KeyError
+            If it has none of that name.
+        """
+        if name in (*self.keys(), "success"):
+            return getattr(self, name)
+        raise KeyError(name)
+
+    def keys(self) -> list[str]:
+        """Return the names, as of a mapping."""
+        return [*self.__dataclass_fields__]
 
     @property
     def success(self) -> bool:
@@ -91,8 +114,9 @@ def solution(run: xr.Dataset) -> Solution:
     sol = partial(_states_between, run, names) if row_dim == STEPS else _not_between
     outcome, message = str(run.attrs.get("run_outcome", "completed")), str(run.attrs.get("run_outcome_text", ""))
     elements = [label for name in names for label in _element_labels(run, name)]
+    counts = (int(run.attrs.get(f"run_{name}", 0)) for name in EVALUATIONS)
     return Solution(
-        t[last], y[:, last], sol, t_events, y_events, OUTCOMES.get(outcome, FAILED), message, tuple(elements)
+        t[last], y[:, last], sol, t_events, y_events, OUTCOMES.get(outcome, FAILED), message, tuple(elements), *counts
     )
 
 
@@ -107,10 +131,12 @@ def _element_labels(run: xr.Dataset, name: str) -> list[str]:
 
 
 def _events_by_detector(run: xr.Dataset, y: Floats | None, names: list[str]) -> tuple[list[Floats], list[Floats]]:
-    """Return times and states after each detector's events; of sampled states, those recorded beside them."""
+    """Return times and states after the events of each that the model names; of sampled states, those recorded beside them."""
     if "event_detector" not in run:
         return [], []
-    labels = str(run["event_detector"].attrs.get("flag_meanings", "")).split()
+    labels = [
+        label for label in str(run["event_detector"].attrs.get("flag_meanings", "")).split() if SWITCH not in label
+    ]
     event_labels = np.array(words_of_flag(run["event_detector"]) if run.sizes.get(EVENTS, 0) else [], dtype=str)
     indices_by_label = [np.flatnonzero(event_labels == label) for label in labels]
     states_after = (

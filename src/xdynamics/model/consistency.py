@@ -278,8 +278,9 @@ def _check_regimes(statement: Statement, ledger: Ledger) -> None:
                 )
         for force in regime.forces:
             if force not in statement.forces:
+                remedy = f"; it is a term of a rate: terms = ['{force}']" if force in terms else ""
                 ledger.note(
-                    f"regime '{name}' has '{force}', which is no force; there are: {', '.join(statement.forces)}"
+                    f"regime '{name}' has '{force}', which is no force; there are: {', '.join(statement.forces) or 'none'}{remedy}"
                 )
     acting = {force for regime in statement.regimes.values() for force in regime.forces}
     for name in statement.forces if statement.regimes else ():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.piecewise import find_piece, last_piece_begun, slope_at, value_at
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.csv_sheet import MOST_FAULTS, Sheet, Title, cell_excerpt, clocks_of, normalise_newlines
+from xdynamics.model.csv_sheet import Sheet, Title, cell_excerpt, clocks_of, normalise_newlines
 from xdynamics.units import Unit
 
 Floats = NDArray[np.float64]
@@ -99,6 +99,7 @@ def spline_slopes(x: Floats, y: Floats) -> Floats:
 INTERPOLATIONS = ("previous", "linear", "pchip", "cubic")
 OUTSIDE = ("error", "zero", "hold")
 REFUSE, SKIP = GAPS = ("refuse", "skip")
+MOST_LINES = 5  # of a table, named in an error
 ARGUMENT, VALUE, DOUBTS = "argument", "value", {"uncertainty": "u({0})", "common": "u_common({0})"}  # and their headers
 
 
@@ -295,7 +296,8 @@ def _refuse_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> Non
         elif row[2:] and min(row[2:]) < 0:
             ledger.note(f"line {number}: the uncertainty {min(row[2:])!r} is negative")
         previous = max(previous, row[0])
-        if len(ledger.faults) >= MOST_FAULTS:
+        if len(ledger.faults) >= MOST_LINES:
+            ledger.note("and perhaps further lines below these")
             break
     if len(rows) < 2:
         ledger.note(f"has {len(rows)} rows, needs 2 or more")

@@ -273,7 +273,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "states": Section(
         "first-order companions of the motion: fuel, charge, memory of a controller", "state",
-        (Key("unit", UNIT, "of the state", NEEDED), Key("rate", EXPRESSION.with_unit("that unit per second"), "how fast it changes", "needed without terms", "written_rate", None), Key("terms", EXPRESSIONS, "parts of the rate by name, which are added to it; one that regimes list acts in these alone, others always", "none"), Key("smooth", FLAG, "as of forces", "false"), DIMS, DESCRIPTION),
+        (Key("unit", UNIT, "of the state", NEEDED), Key("rate", EXPRESSION.with_unit("that unit per second"), "how fast it changes; terms are added to it", "needed without terms", "written_rate", None), Key("terms", EXPRESSIONS, "parts of the rate by name, which are added to it; one that regimes list acts in these alone, others always", "none"), Key("smooth", FLAG, "as of forces", "false"), DIMS, DESCRIPTION),
         '[states.fuel]\nunit = "kg"\nrate = "-1e-3*kilogram/second*abs(v_x)/(1*metre/second)"\nsmooth = true\ndescription = "what is left"\n'
         '[states.warmth]\nunit = "J"\ndims = ["bead", "site"]\nrate = "-warmth/(3*second)"\n'
         '[states.room]\nunit = "K"\nterms = { loss = "-(room - 280*kelvin)/hour", heater = "20*kelvin/hour" }\n',
@@ -344,7 +344,7 @@ SECTIONS: dict[str, Section] = {
         make=entries.make_controller, own_tables=True,
     ),
     "regimes": Section(
-        "which forces, and which terms of rates, act together while a regime lasts; events switch between them", "regime",
+        "which forces, and which terms of rates, act together while a regime lasts (a thermostat's heater, say); events with action = 'switch' lead from one to another; the first one is that of the start, unless [initial] regime names another", "regime",
         (
             Key("forces", name_list_kind("the forces that act in it"), "the forces that act", "none", omitted=()),
             Key("terms", name_list_kind("the terms of rates that act in it"), "the terms of states' rates that act", "none", omitted=()),

@@ -234,6 +234,9 @@ _CLOCK = r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2}(?:[.
 _INSTANT = re.compile(rf"(?:{_DATE}[T ])?{_CLOCK}\s*(?P<zone>Z|[+-][0-9]{{2}}:?[0-9]{{2}})?")
 _DAY = 86_400
 _QUOTED = ' "'
+_AMBIGUOUS = re.compile(
+    r"[0-9]{1,4}/[0-9]{1,2}/[0-9]{2,4}\b|[0-9]{1,2}:[0-9]{2}(?::[0-9]{2}(?:\.[0-9]+)?)?\s*[AaPp]\.?[Mm]"
+)
 _DATE_ALONE, _CLOCK_ALONE = re.compile(_DATE), re.compile(_CLOCK)
 
 
@@ -245,8 +248,9 @@ def times_of_dates(lines: list[str]) -> tuple[list[str], str]:
     Raises
     ------
     InputError
-        If some dates have a time zone and others none, or a date is none of the calendar.
+        If some dates have a time zone and others none, or a date is none of the calendar, or may be read in two ways.
     """
+    _refuse_ambiguous_dates(lines)
     lines = _with_dates_joined(lines)
     begin = next((k for k, line in enumerate(lines[:200]) if _INSTANT.fullmatch(line_start(line))), -1)
     if begin < 0:
@@ -270,6 +274,23 @@ def times_of_dates(lines: list[str]) -> tuple[list[str], str]:
         rest = line.lstrip().removeprefix('"')[len(cell) :].removeprefix('"')
         timed_lines.append(f"{float(previous - zero)!r}{rest}")
     return timed_lines, origin
+
+
+def _refuse_ambiguous_dates(lines: list[str]) -> None:
+    """Refuse dates that may be read in two ways, and clocks of twelve hours.
+
+    Raises
+    ------
+    InputError
+        With the spelling that is read.
+    """
+    for line in lines[:200]:
+        for cell in line.split(next((separator for separator in SEPARATORS if separator in line), ","))[:2]:
+            if _AMBIGUOUS.match(cell.strip(_QUOTED)):
+                raise InputError(
+                    f"the time {cell_excerpt(cell.strip(_QUOTED))} is not read: write dates as 2024-03-25 or 25.3.2024, clocks"
+                    " as 14:05:00"
+                )
 
 
 def _with_dates_joined(lines: list[str]) -> list[str]:

@@ -410,7 +410,8 @@ def simulate(
     StabilityWarning
         If a fixed step is beyond the method's stability limit for the model linearised at its start.
     AccuracyWarning
-        If the tolerances did not control a variable, being too large for it; `run_outcome_text` says so too.
+        If the run ended badly, or the tolerances did not control a variable, being too large for it;
+        `run_outcome_text` says so too.
 
     Notes
     -----

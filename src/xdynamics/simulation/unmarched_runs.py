@@ -27,13 +27,14 @@ from xdynamics.evidence.stages import Stage
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import March, Settings
+from xdynamics.march.outcomes import GOOD, INTERRUPTED, OUTCOMES
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.record.flag_words import without_bounds
 from xdynamics.record.folding import fold, labelled
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import KNOWN_BEFORE
-from xdynamics.record.schemas import kind_description
+from xdynamics.record.schemas import ending_words, kind_description
 from xdynamics.units import Unit, unit_suffix
 
 if TYPE_CHECKING:
@@ -88,16 +89,19 @@ def marched_record(
 ) -> xr.Dataset:
     """March, warn of inaccuracies, and return the record; see `record_march`."""
     run = record_march(march, path, earlier_rows, resume=resume, memory=memory)
-    warn_of_accuracy(march)
+    warn_of_accuracy(march, run)
     return run
 
 
-def warn_of_accuracy(march: March) -> None:
-    """Warn of errors that the tolerances of a finished march did not control."""
+def warn_of_accuracy(march: March, run: xr.Dataset) -> None:
+    """Warn of errors that the tolerances of a finished run did not control, and of a run that came to no good end."""
+    if run.attrs["run_outcome"] not in (*GOOD, OUTCOMES[INTERRUPTED].word):
+        warn(f"{march.model.name} {EARLY}: {ending_words(run.attrs)[0]}", AccuracyWarning)
     for doubt in march.doubts:
         warn(f"{march.model.name}: {doubt}", AccuracyWarning)
 
 
+EARLY = "did not reach the end that was asked for"
 Floats = NDArray[np.float64]
 
 
@@ -140,7 +144,7 @@ def sampled_march(model: Model, settings: Settings, sample_times: Floats, progre
     kept_times = None if model.delays else sample_times  # delayed values are of all rows
     march = March(model, replace(settings, keep_every=1, log=STATES), progress, kept_times)
     partial_run = record.dataset(march)
-    warn_of_accuracy(march)
+    warn_of_accuracy(march, partial_run)
     states = sampled_states(partial_run, sample_times, model)
     if model.delays:
         return states
