@@ -8,7 +8,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import xdynamics as xd
-from xdynamics.figures.marks import at_time, label_time, long_unit
+from xdynamics.figures.marks import at_time, label_time
+from xdynamics.record.long_times import long_unit
 
 YEAR = 365.25 * 86_400.0
 
@@ -20,10 +21,17 @@ def times(latest: float, units: str = "s") -> xr.DataArray:
 
 @pytest.mark.parametrize(
     ("latest", "units", "unit"),
-    [(40 * YEAR, "s", "years"), (20 * 86_400.0, "s", "days"), (1e5, "s", "s"), (1e12, "1", "1"), (0.0, "s", "s")],
+    [
+        (40 * YEAR, "s", "years"),
+        (20 * 86_400.0, "s", "days"),
+        (1e5, "s", "hours"),
+        (1e4, "s", "s"),
+        (1e12, "1", "1"),
+        (0.0, "s", "s"),
+    ],
 )
 def test_units_of_long_times(latest: float, units: str, unit: str) -> None:
-    """Assert years and days where a run lasts five of them, seconds below, and no unit where the model has none."""
+    """Assert years, days and hours where a run lasts five of them, seconds below, and no unit where the model has none."""
     assert long_unit(times(latest, units))[0] == unit
 
 

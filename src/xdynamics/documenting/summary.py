@@ -25,12 +25,14 @@ from xdynamics.elementary.arrays import integral
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.expressions import free_names
 from xdynamics.faults import DOT, escaped
+from xdynamics.march.outcomes import COMPLETED, OUTCOMES
 from xdynamics.methods.scheme import DOUBLE_DOUBLE
 from xdynamics.model import Function, Model
 from xdynamics.record import of_elements
 from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit_of, words_of_flag
 from xdynamics.record.folding import model_dimensions
+from xdynamics.record.long_times import long_unit
 from xdynamics.record.named_rows import row_places
 from xdynamics.record.schemas import (
     ending_words,
@@ -91,6 +93,7 @@ def _velocity_forces(model: Model) -> dict[str, list[str]]:
 
 
 Attributes = Mapping[Any, Any]
+WHOLE = 1e-9  # of a step: by which the last one may differ from it
 SHORT = 0.25  # of the slowest period
 
 
@@ -347,7 +350,10 @@ def _step_description(run: xr.Dataset) -> str:
     """Describe how steps were chosen."""
     attributes = run.attrs
     if attributes["solver_step_control"] == "fixed":
-        return f"step {float(attributes['solver_step'])!r}{_second(run)}"
+        step, last = float(attributes["solver_step"]), float(run["step_size"].values[-1]) if "step_size" in run else 0.0
+        is_whole_number = abs(last - step) <= WHOLE * step or attributes["run_outcome"] != OUTCOMES[COMPLETED].word
+        shorter = "" if is_whole_number else f", the last one {last:.6g}{_second(run)}: the end is no multiple"
+        return f"step {step!r}{_second(run)}{shorter}"
     if attributes["solver_step_control"] == "given":
         return "steps as given"
     return (
@@ -386,7 +392,9 @@ def _end_state_texts(run: xr.Dataset) -> Iterator[str]:
     if last >= 0 and float(run["event_time"][last]) == float(run["time"][-1]):
         yield f"t = {_event_time_text(run, last)}"
     else:
-        yield f"t = {float(run['time'][-1]):.12g}{_second(run)}"
+        name, size = long_unit(run["time"])
+        in_words = "" if size == 1.0 else f" ({float(run['time'][-1]) / size:.6g} {name})"
+        yield f"t = {float(run['time'][-1]):.12g}{_second(run)}{in_words}"
     names = of_motion(run)
     yield from _state_texts(run, names, names, -1)
 

@@ -22,6 +22,7 @@ from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.linearisation import (
+    Linearisation,
     initial_state,
 )
 from xdynamics.model.motion import variables
@@ -180,8 +181,17 @@ def modes(
 
 @one_blas_thread()
 def _linearised_modes(model: Model, state: Mapping[str, float], title: str, runs: Sequence[str]) -> xr.Dataset:
-    spectrum = Spectrum.of(model, checked_linearisation(model, state))
+    linearisation = checked_linearisation(model, state)
+    spectrum = Spectrum.of(model, linearisation)
+    if not _is_equilibrium(linearisation, state):
+        title = f"{title}, which is no equilibrium: unless the law is linear, the modes hold for the moment"
     return _modes_dataset(model, state, title, spectrum, StepLimits.of(model, spectrum), runs)
+
+
+def _is_equilibrium(linearisation: Linearisation, state: Mapping[str, float]) -> bool:
+    """Whether nothing accelerates, beside what the state's own size would make of the slopes."""
+    slopes, size = np.abs(linearisation.jacobian), np.abs([state[name] for name in linearisation.names])
+    return bool(np.abs(linearisation.acceleration).max(initial=0.0) <= AT_REST * (slopes @ size).max(initial=0.0))
 
 
 def _modes_dataset(
@@ -336,6 +346,7 @@ def _si_unit(model: Model, name: str) -> Unit:
     return spell(unit.dimension)
 
 
+AT_REST = 1e-9  # of an acceleration over what slopes and state come to
 MOST_TOLD = 4  # of the slowest modes
 WIDTH = 120
 ROUNDING = 1e-6  # of the largest eigenvalue: a triple eigenvalue of 0 is found within the cube root of a rounding

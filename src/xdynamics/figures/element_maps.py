@@ -28,7 +28,6 @@ from xdynamics.figures.marks import (
     escaped_text,
     label_panel,
     label_time,
-    long_unit,
     shared_axis,
     shortened_names,
     straight_lines_note,
@@ -36,6 +35,7 @@ from xdynamics.figures.marks import (
     typeset,
 )
 from xdynamics.figures.sheet import Page, Panel
+from xdynamics.record.long_times import long_unit
 from xdynamics.record.unfolding import shapes_of
 from xdynamics.shapes import Extent, Shapes, display_text, split_element_name
 from xdynamics.units import unit_suffix

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.figures.marks import long_unit
+from xdynamics.record.long_times import long_unit
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import escaped
 from xdynamics.figures.curves import REACTION, has_chords, has_missing_rows, is_mean, known_model
+from xdynamics.record.long_times import HOURS, long_unit
 from xdynamics.record.unfolding import whole_of
 from xdynamics.shapes import display_text, join_element_name, split_element_name
 from xdynamics.units import SECONDS, unit_suffix
@@ -99,10 +100,6 @@ SHORTEST_NAMED = 0.08  # of the span, for a regime to be named in its band
 COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#7a7a7a")
 
 
-# units of time in which figures write many seconds, the longest first: Julian years, days
-LONG_UNITS = (("years", 31_557_600.0), ("days", 86_400.0))
-FEWEST_WHOLE = 5.0  # of a unit that a run lasts for figures to write it
-
 LONGEST_NAME = 16  # letters of an element beside a map, or at a path
 
 _POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -139,9 +136,9 @@ def time_axis_label(time: xr.DataArray, label: str = "time") -> str:
 
 
 def label_time(axes: Axes, time: xr.DataArray, label: str = "time") -> None:
-    """Label the time axis of a panel: in the unit recorded, or in days or years where seconds would be a great many.
+    """Label the time axis of a panel: in the unit recorded, or in hours, days or years where seconds would be a great many.
 
-    What is drawn stays in the unit recorded; ticks stand at whole days or years, and the label says how long these are.
+    What is drawn stays in the unit recorded; ticks stand at whole ones, and the label says how long days and years are.
     """
     from matplotlib.ticker import FuncFormatter
 
@@ -151,7 +148,8 @@ def label_time(axes: Axes, time: xr.DataArray, label: str = "time") -> None:
         return
     axes.xaxis.set_major_locator(_locator_of(size))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / size:g}"))
-    axes.set_xlabel(f"{label} ({name} of {size:,.0f} {SECONDS.text})".replace(",", "\u2009"))
+    length = "" if name == HOURS else f" of {size:,.0f} {SECONDS.text}".replace(",", "\u2009")
+    axes.set_xlabel(f"{label} ({name}{length})")
 
 
 def _locator_of(size: float) -> Any:
@@ -165,24 +163,6 @@ def _locator_of(size: float) -> Any:
             return np.asarray(super().tick_values(vmin / size, vmax / size)) * size
 
     return RoundTimes("auto", steps=[1, 2, 2.5, 5, 10])
-
-
-def long_unit(time: xr.DataArray) -> tuple[str, float]:
-    """Return the unit that a figure writes times in, and how long it lasts in the unit recorded.
-
-    Examples
-    --------
-    >>> time = xr.DataArray([0.0, 3e9], dims="step", attrs={"units": "s"})
-    >>> long_unit(time)
-    ('years', 31557600.0)
-    """
-    units = str(time.attrs.get("units", SECONDS.text))
-    latest = float(np.nanmax(np.abs(time.values))) if time.size else 0.0
-    if units == SECONDS.text:
-        for name, size in LONG_UNITS:
-            if latest >= FEWEST_WHOLE * size:
-                return name, size
-    return units, 1.0
 
 
 def label_with_unit(label: str, units: str) -> str:

@@ -435,7 +435,10 @@ class Model(ModelTrees):
         except InputError as error:
             raise ModelError(f"model file '{path}' cannot be read: {error}") from None
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-            raise ModelError(f"model file '{path}' is no TOML: {error}") from None
+            twice = (
+                "; a key or a section stands there twice" if "overwrite" in str(error) or "twice" in str(error) else ""
+            )
+            raise ModelError(f"model file '{path}' is no TOML: {error}{twice}") from None
         model = object.__new__(cls)
         model._fill_from_sections(statement, path, functions or {}, access, recorded=recorded)
         return model

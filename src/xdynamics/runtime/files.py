@@ -107,6 +107,8 @@ def file_above(path: str | os.PathLike[str]) -> str:
 
 def reason(error: OSError, path: str | os.PathLike[str]) -> str:
     """Return why the system does not read or write a path, in words."""
+    if isinstance(error, IsADirectoryError):
+        return "it is a directory; name a file in it"
     return (isinstance(error, NotADirectoryError) and file_above(path)) or error.strerror or str(error)
 
 
