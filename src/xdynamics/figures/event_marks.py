@@ -112,12 +112,18 @@ def event_kinds(run: xr.Dataset) -> list[EventKind]:
         EventKind(
             counted_name(name if kind in PLAIN else f"{name} {kind}", count, is_drawn=not are_many or count <= SELDOM),
             name,
-            MARKERS.get(kind, OTHER_MARKERS[n % len(OTHER_MARKERS)]),
+            _marker_of(kind, n, [earlier for _, earlier in [*counts][:n]]),
             np.array(numbers[name, kind]),
             not are_many or count <= SELDOM,
         )
         for n, ((name, kind), count) in enumerate(counts.items())
     ]
+
+
+def _marker_of(kind: str, n: int, earlier: list[str]) -> str:
+    """Return the marker of the n-th kind: what an event does has its own, the second event that does it another."""
+    is_taken = kind in PLAIN and kind in earlier
+    return OTHER_MARKERS[n % len(OTHER_MARKERS)] if is_taken or kind not in MARKERS else MARKERS[kind]
 
 
 def are_in_legend(kinds: list[EventKind]) -> bool:
