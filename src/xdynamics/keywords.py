@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from xdynamics.units import Unit
 
 # what belongs together, in the order of the help
-MARCH, CONTROL, EVENTS, ARITHMETIC, RECORD = "March", "Step control", "Events", "Arithmetic", "Record"
+MARCH, CONTROL, EVENTS, ARITHMETIC, RECORD = "Integration", "Step control", "Events", "Arithmetic", "Record"
 
 # how a value is written; the last five are read with the model, by `march.configuration`
 WORD, TIME, NUMBER, WHOLE, PAIR, TRUTH = "word", "time", "number", "whole number", "pair of numbers", "true | false"
@@ -105,7 +105,7 @@ KEYWORDS = {
         Keyword("max_steps", CONTROL, WHOLE, "accepted and rejected steps after which the run ends", "1000000", "100000", "", "solver_max_steps"),
         Keyword("time_tolerance", EVENTS, TIME, "how well events are located that do not say so themselves", "1 ps, below a second 1e-12 of the span", '"1 ns"', "", "solver_time_tolerance"),
         Keyword("switches", EVENTS, WORD, "what is done about kinks and jumps inside forces", "located; of tables of over 100 points landed on", '"located"', '"located" | "landed on" | "stepped over"'),
-        Keyword("event_root_method", EVENTS, WORD, "how events are located; the last as version 0.2 did", "earliest first", "", '"earliest first" | "earliest first by Hermite" | "one by one"'),
+        Keyword("event_root_method", EVENTS, WORD, "how events are located; the last two for the bits of older archives", "earliest first", "", '"earliest first" | "earliest first by Hermite" | "one by one"'),
         Keyword("event_start", EVENTS, WORD, "what becomes of stops, switches and resets that stand at zero at the start, or where another acts; the second as older archives did", "judged", "", '"judged" | "waiting"', "solver_event_start"),
         Keyword("sliding", EVENTS, WORD, "what becomes of a motion that both sides drive back to a switch: it slides along it (Filippov 1988), or ends as in older archives", "Filippov", "", '"Filippov" | "ends"', "solver_sliding"),
         Keyword("scales", ARITHMETIC, SCALES, "length, time or mass scale of the nondimensional variables to compute in", "SI units", '{ length = "0.5 m" }', "table of length, time, mass", "", "--scale", "NAME=VALUE"),

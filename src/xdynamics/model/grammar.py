@@ -121,7 +121,7 @@ READING = (
 )
 OF_EVENTS = (
     Key("function", COMPONENT.with_unit("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step shows whether it is one", "needed without every", "searched"),
-    Key("every", DURATION, "in its place: how often a periodic event is met, at exact multiples after the start; each is a node of the run", "none"),
+    Key("every", DURATION, "in its place: how often a periodic event is met, at exact multiples after the start; a period like 2*pi/w is written as a function, sin(w*t/2)", "none"),
     Key("phase", PHASE, "how long after the start a periodic event is first met, 0 for at the start", "one period"),
     Key("direction", word_kind(*DIRECTIONS), "which passages count", "either; of impacts falling"),
     Key("action", word_kind(*ACTIONS, STRIKE), "what is done there; impact takes the keys of a contact too", "record"),
