@@ -170,8 +170,9 @@ def _new_entries(title: str, old: Any, entries: Any, shaped: Mapping[str, Values
             quantity, dot, _ = internal_text(str(key)).partition(DOT)
             elements = [display_text(entry) for entry in old if dot and entry.startswith(quantity + DOT)]
             known_names = elements or dict.fromkeys(entry.partition(DOT)[0] for entry in old)
+            remedy = "" if title in _GROWING else "; a new one is written into the model itself"
             raise ModelError(
-                f"{title} has no entry '{display_text(str(key))}'; there are: {first_names([*known_names]) or 'none'}"
+                f"{title} has no entry '{display_text(str(key))}'; there are: {first_names([*known_names]) or 'none'}{remedy}"
             )
     new = {}
     for key, value in entries.items():
