@@ -246,7 +246,10 @@ def test_simulate_has_the_table_s_order() -> None:
 def test_the_help_gathers_what_belongs_together() -> None:
     """Assert that the help of a verb has a section for each group, with the words that an option takes."""
     told = CliRunner().invoke(main, ["run", "--help"], terminal_width=200).output
-    at = [told.index(f"\n{name}:\n") for name in ("Options", "Integration", "Step control", "Events", "Arithmetic", "Record")]
+    at = [
+        told.index(f"\n{name}:\n")
+        for name in ("Options", "Integration", "Step control", "Events", "Arithmetic", "Record")
+    ]
     assert at == sorted(at)
     assert "--switches located|landed on|stepped over" in told
     assert told.index("--safety") > told.index("\nStep control:\n")

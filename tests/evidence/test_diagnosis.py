@@ -12,6 +12,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS, coupled_springs, oscillator, particle
 from xdynamics.evidence.companion import tighter_of
+from xdynamics.evidence.diagnosing.diagnosis import diagnosis_lines
 from xdynamics.evidence.diagnosing.phases import exact_march
 
 OSCILLATOR = oscillator().model  # cos 2t: m = 1 kg, k = 4 N/m
@@ -338,3 +339,16 @@ def test_errors_are_known_where_an_event_stops_a_run(method: str, how: dict[str,
     for name in ("x", "y", "v_x", "v_y"):
         error = float(mine[name][0] - true[name][0])
         assert float(found[f"global_error_{name}"][0]) == pytest.approx(error, rel=1.0, abs=1e-6)
+
+
+def test_a_diagnosis_is_told_as_a_table_first() -> None:
+    """Assert a row for each quantity with what it ranged over, times of extremes, and the word of one that is a row's."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"))
+    found = xd.diagnose(run, companion=False)
+    lines = [*diagnosis_lines(found)]
+    head = next(k for k, line in enumerate(lines) if line.split() == ["band", "drift", "least", "greatest"])
+    assert head == 0
+    theta = next(line for line in lines if line.startswith("theta "))
+    assert f"{float(found.maximum_theta):.5g} rad at {float(found.maximum_theta_time):.5g} s" in theta
+    assert any(line.endswith(", sampled") or ", sampled  " in line for line in lines)
+    assert not any(line.startswith(("maximum_", "minimum_", "band_", "drift_", "energy_")) for line in lines)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -389,9 +390,18 @@ def board_of(data: xr.Dataset, width: int) -> list[str]:
 Shown = tuple[str, str, NDArray[Any]]  # a header, the form of numbers, cells
 
 
+_LATER = re.compile(r"\[(?!1\b)[0-9]+")  # in a name, of an occurrence
+
+
+def _is_later(study: xr.Dataset, column: TableColumn) -> bool:
+    """Whether a column is of a later occurrence of an event: a board has the first, and the summary the next ones."""
+    return schema.OCCURRENCE in study[column.variable].dims and bool(_LATER.search(column.name))
+
+
 def _board_of_levels(study: xr.Dataset) -> list[list[Shown]]:
     by_name = {column.name: column for column in _level_columns(study)}
     observed = [column for column in by_name.values() if f"difference_{column.variable}" in study]
+    observed = [column for column in observed if not _is_later(study, column)]
     first = next(iter(by_name.values()))
     groups = [[_shown_as(first)]]
     for column in observed[:MOST_OBSERVED]:

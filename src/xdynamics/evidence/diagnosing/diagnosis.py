@@ -51,6 +51,7 @@ from xdynamics.record.folding import fold, labelled, model_dimensions
 from xdynamics.record.schemas import check_every_column, check_every_row
 from xdynamics.record.unfolding import get_column
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
+from xdynamics.shapes.naming import quantity_name
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import UNESTIMATED, UNKNOWN, digits
 
@@ -71,7 +72,9 @@ SAID = {
 }
 LONGEST = 9  # digits in lines of numbers whose uncertainty is known
 RELATIVE = "relative_uncertainty"  # attribute: what tolerances and uncertain inputs leave open of a number
+RANGES = {"band_": "band", "drift_": "drift", "minimum_": "least", "maximum_": "greatest"}  # columns of what is told
 OF_RANGES = ("maximum_", "minimum_", "band_", "drift_")
+SAMPLED = "sampled"  # of an extreme: at a row, where others are interpolated between rows or located
 
 
 def diagnose(
@@ -337,9 +340,12 @@ def cycle_count(diagnosis: xr.Dataset) -> int:
 
 
 def diagnosis_lines(diagnosis: xr.Dataset) -> Iterator[str]:
-    """Describe a diagnosis, line by line."""
+    """Describe a diagnosis: how far each quantity ranged as a table, then line by line."""
+    ranges, told = _range_table(diagnosis)
+    yield from ranges
     for name, variable in diagnosis.data_vars.items():
-        if not variable.dims and variable.attrs["role"] in (ROLE, "residual") and name not in chaos.IN_WORDS:
+        is_told = name in told or name in chaos.IN_WORDS
+        if not variable.dims and variable.attrs["role"] in (ROLE, "residual") and not is_told:
             rule = f"{name}_rule"
             rule_text = (
                 f", {str(diagnosis[rule].attrs['flag_meanings']).split()[int(diagnosis[rule])]}"
@@ -366,6 +372,44 @@ def diagnosis_lines(diagnosis: xr.Dataset) -> Iterator[str]:
                 continue
             first, last = (diagnosed(diagnosis, name, k) for k in (0, count - 1))
             yield f"{name} = {first} in the first cycle, {last} in the last"
+
+
+def _range_table(diagnosis: xr.Dataset) -> tuple[list[str], set[str]]:
+    """Return band, drift, least and greatest value of each quantity, in columns; and the names of what is told there."""
+    cells: dict[str, dict[str, str]] = {}
+    told: set[str] = set()
+    for name, (quantity, column) in _ranges(diagnosis):
+        text = diagnosed(diagnosis, name)
+        told |= {name}
+        base = quantity_name(name)
+        time, rule = (f"{base}_{word}{name.removeprefix(base)}" for word in ("time", "rule"))
+        if time in diagnosis:
+            text += f" at {diagnosed(diagnosis, time)}"
+            told |= {time}
+        if rule in diagnosis and str(diagnosis[rule].attrs["flag_meanings"]).split()[int(diagnosis[rule])] == SAMPLED:
+            text += f", {SAMPLED}"
+        cells.setdefault(quantity, {})[column] = text
+    if not cells:
+        return [], told
+    columns = [column for column in RANGES.values() if any(column in row for row in cells.values())]
+    rows = [
+        ["", *columns],
+        *([quantity, *(row.get(column, "") for column in columns)] for quantity, row in cells.items()),
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ], told
+
+
+def _ranges(diagnosis: xr.Dataset) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Yield the names of bands, drifts and extremes without a dimension, with quantity and column."""
+    for name, variable in diagnosis.data_vars.items():
+        text = {"energy_band": "band_total_energy", "energy_drift": "drift_total_energy"}.get(str(name), str(name))
+        prefix = next((prefix for prefix in RANGES if text.startswith(prefix)), "")
+        is_detail = quantity_name(text).endswith(("_time", "_rule", "_uncertainty"))
+        if prefix and not variable.dims and variable.attrs["role"] == ROLE and not is_detail:
+            yield str(name), (text.removeprefix(prefix), RANGES[prefix])
 
 
 def diagnosed(diagnosis: xr.Dataset, name: str, cycle: int | None = None) -> str:
