@@ -167,7 +167,8 @@ def table_reader(tables: dict[str, Points]) -> Callable[..., Any]:
 def interpolator_reader(interpolator: Any, tables: dict[str, Points]) -> _Interpolator | None:
     """Return an interpolator of scipy for traced times, whose table is noted; None of one that no drive is like.
 
-    It is known by its values: through straight lines, a cubic spline whose ends are not-a-knot, or a monotone cubic (PCHIP).
+    It is known by its values: constant up to the next point, along straight lines, by a cubic spline whose ends are
+    not-a-knot, or by a monotone cubic (PCHIP); beyond its ends 0, as they are, or none.
     """
     from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
 
@@ -189,16 +190,33 @@ def interpolator_reader(interpolator: Any, tables: dict[str, Points]) -> _Interp
         "linear": lambda: np.interp(within, sites, values),
         "cubic": lambda: CubicSpline(sites, values)(within),
         "pchip": lambda: PchipInterpolator(sites, values)(within),
+        "previous": lambda: values[np.searchsorted(sites, within, side="right") - 1],
     }
     word = next((word for word, value in alike.items() if (np.abs(value() - known) <= ALIKE * size).all()), "")
-    return _Interpolator(interpolator, sites, values, word, tables) if word else None
+    return (
+        _Interpolator(interpolator, (sites, values, word, _beyond(interpolator, sites, values)), tables)
+        if word
+        else None
+    )
+
+
+def _beyond(interpolator: Any, sites: Any, values: Any) -> str:
+    """Return what an interpolator is beyond its ends: 0, the value there, or nothing that a drive is."""
+    far = np.array([0.1, 3.0]) * (sites[-1] - sites[0])
+    try:
+        found = np.asarray(interpolator(np.concatenate([sites[0] - far, sites[-1] + far])), float)
+    except ValueError:  # as interp1d raises it there
+        return "error"
+    if not found.any():
+        return "zero"
+    return "hold" if np.array_equal(found, np.repeat(values[[0, -1]], 2)) else "error"
 
 
 class _Interpolator:
     """An interpolator of scipy, which at traced times is the name of its table, and else as it was."""
 
-    def __init__(self, interpolator: Any, sites: Any, values: Any, word: str, tables: dict[str, Points]) -> None:
-        self._interpolator, self._table, self._tables = interpolator, (sites, values, word), tables
+    def __init__(self, interpolator: Any, table: tuple[Any, Any, str, str], tables: dict[str, Points]) -> None:
+        self._interpolator, self._table, self._tables = interpolator, table, tables
 
     def __call__(self, x: Any, *further: Any, **options: Any) -> Any:
         if further or options or not is_traced(x):
@@ -214,8 +232,8 @@ class _Interpolator:
                 "the function reads an interpolator of scipy at something else than t, or a straight line of it; write"
                 " numpy.interp(y[0], x, table), of some 40 points, or the model with a drive over a coordinate"
             )
-        sites, values, word = self._table
-        return _noted(line, sites, values, self._tables, word, "error")
+        sites, values, word, outside = self._table
+        return _noted(line, sites, values, self._tables, word, outside)
 
     def __getattr__(self, word: str) -> Any:
         return getattr(self._interpolator, word)

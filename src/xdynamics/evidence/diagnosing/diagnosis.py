@@ -51,7 +51,6 @@ from xdynamics.record.folding import fold, labelled, model_dimensions
 from xdynamics.record.schemas import check_every_column, check_every_row
 from xdynamics.record.unfolding import get_column
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
-from xdynamics.shapes.naming import quantity_name
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import UNESTIMATED, UNKNOWN, digits
 
@@ -381,8 +380,7 @@ def _range_table(diagnosis: xr.Dataset) -> tuple[list[str], set[str]]:
     for name, (quantity, column) in _ranges(diagnosis):
         text = diagnosed(diagnosis, name)
         told |= {name}
-        base = quantity_name(name)
-        time, rule = (f"{base}_{word}{name.removeprefix(base)}" for word in ("time", "rule"))
+        time, rule = f"{name}_time", f"{name}_rule"
         if time in diagnosis:
             text += f" at {diagnosed(diagnosis, time)}"
             told |= {time}
@@ -407,7 +405,7 @@ def _ranges(diagnosis: xr.Dataset) -> Iterator[tuple[str, tuple[str, str]]]:
     for name, variable in diagnosis.data_vars.items():
         text = {"energy_band": "band_total_energy", "energy_drift": "drift_total_energy"}.get(str(name), str(name))
         prefix = next((prefix for prefix in RANGES if text.startswith(prefix)), "")
-        is_detail = quantity_name(text).endswith(("_time", "_rule", "_uncertainty"))
+        is_detail = text.endswith(("_time", "_rule", "_uncertainty"))
         if prefix and not variable.dims and variable.attrs["role"] == ROLE and not is_detail:
             yield str(name), (text.removeprefix(prefix), RANGES[prefix])
 
