@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline, interp1d
 
 import xdynamics as xd
 
@@ -62,6 +65,57 @@ def test_a_solution_has_what_scipys_has() -> None:
         ours["ts"]
     stiff = xd.solve(lambda t, y: [-1e4 * (y[0] - np.cos(t))], span, [0.0], "Radau", rtol=1e-6).dynamics.solution
     assert min(stiff.njev, stiff.nlu) > 0
+
+
+def undefined(_t: float, y: list[float]) -> list[float]:
+    """Return rates by a name that there is none of."""
+    a = y[0]
+    return [a * missing_rate]  # noqa: F821
+
+
+def looping(_t: float, y: list[float]) -> list[float]:
+    """Return a rate that a loop finds."""
+    x = y[0]
+    while x > 1:
+        x = x - 1
+    return [x]
+
+
+@pytest.mark.parametrize(
+    ("fun", "options", "said"),
+    [
+        (undefined, {}, r"NameError, line \d+, `return \[a \* missing_rate\].*`: name 'missing_rate'"),
+        (looping, {}, "an event in the place of a loop that ends when a value is reached"),
+        (lambda t, _y: [float(f"{t:.3f}")], {}, "prints or formats a value that is not known yet; leave that out"),
+        (
+            lambda t, _y: [[1, 2, 3][int(t)]],
+            {},
+            r"takes a number of a value that is not known yet, as float\(\), int\(\)",
+        ),
+        (lambda _t, y: [-y[0]], {"rtoll": 1e-6}, "solve has no 'rtoll'; did you mean 'rtol'"),
+    ],
+)
+def test_what_a_function_may_not_do_is_told_with_its_line(fun: Any, options: dict[str, Any], said: str) -> None:
+    """Assert the user's own line of an error, the remedy of a loop, and keywords under the verb's own name."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.solve(fun, (0.0, 1.0), [2.0], **options)
+
+
+@pytest.mark.parametrize(
+    ("fill", "after"), [((0.0, 0.0), 0.0), ((1.0, 3.0), 3.0), ("extrapolate", None), ((7.0, 7.0), None)]
+)
+@pytest.mark.parametrize("kind", ["previous", "linear", "cubic"])
+def test_an_interpolator_keeps_what_it_is_beyond_its_table(kind: str, fill: Any, after: float | None) -> None:
+    """Assert scipy's integral where it is 0 or holds beyond the table, and an early end where a drive has no such rule."""
+    times, values = np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([1.0, 4.0, 2.0, 5.0, 3.0])
+    table = interp1d(times, values, kind=kind, bounds_error=False, fill_value=fill)
+    if after is None:
+        with pytest.warns(xd.AccuracyWarning, match="outside drive table"):
+            xd.solve(lambda t, _y: [table(t)], (0.0, 6.0), [0.0], rtol=1e-9)
+        return
+    run = xd.solve(lambda t, _y: [table(t)], (0.0, 6.0), [0.0], rtol=1e-9)
+    within = {"previous": 12.0, "linear": 13.0, "cubic": CubicSpline(times, values).integrate(0.0, 4.0)}[kind]
+    assert run.dynamics.solution.y[0, -1] == pytest.approx(float(within) + 2.0 * after, rel=1e-8)
 
 
 @pytest.mark.parametrize("word", ["celsius", "degC", "centigrade"])

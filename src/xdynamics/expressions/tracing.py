@@ -10,9 +10,12 @@ makes floats.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from math import isfinite
+from pathlib import Path
+from traceback import extract_tb
 from types import TracebackType
 from typing import Any
 
@@ -136,6 +139,9 @@ MOST_NODES = 200_000
 LARGEST_EXPONENT = 16
 REMEDY = "write numpy.where(condition, a, b) in the place of a branch"
 TABLE = "numpy.interp(t, x, y) in the place of an interpolator of scipy"
+LOOP = "and an event in the place of a loop that ends when a value is reached"
+PLAIN = "as float(), int(), math functions, print and indexing do"
+HERE = str(Path(__file__).parents[1])
 
 
 class WholeNumberError(InputError):
@@ -245,13 +251,16 @@ class Traced:
     def __bool__(self) -> bool:
         way = _WAY.get()
         if way is None or len(way.conditions) >= MOST_DECISIONS:
-            raise InputError(f"the function decides by a value that is not known yet; {REMEDY}")
+            raise InputError(f"the function decides by a value that is not known yet; {REMEDY}, {LOOP}")
         return way.decided_by(self)
 
     def __float__(self) -> float:
-        raise InputError(f"the function takes a number of a value that is not known yet; {REMEDY}, {TABLE}")
+        raise InputError(f"the function takes a number of a value that is not known yet, {PLAIN}; {REMEDY}, {TABLE}")
 
     __int__ = __float__
+
+    def __format__(self, spec: str) -> str:
+        raise InputError("the function prints or formats a value that is not known yet; leave that out")
 
     def __index__(self) -> int:
         raise WholeNumberError(f"the function takes a whole number of a value that is not known yet; {REMEDY}")
@@ -355,7 +364,16 @@ def traced(function: Callable[..., Any], *arguments: Any) -> Any:
         hint = f"; write {TABLE}" if "object arrays" in str(error) else ""
         if isinstance(error, IndexError) and "must be of integer" in str(error):
             hint = "; what a condition chooses is written np.where(condition, value, row)"
-        raise InputError(f"the function ends with {type(error).__name__}: {error}{hint}") from None
+        raise InputError(
+            f"the function ends with {type(error).__name__}{_line_of_user(error)}: {error}{hint}"
+        ) from None
+
+
+def _line_of_user(error: Exception) -> str:
+    """Return where a function of the user's was when it ended: the last line that is none of this package, or of a library."""
+    frames = [frame for frame in extract_tb(error.__traceback__) if not frame.filename.startswith(HERE)]
+    own = [frame for frame in frames if f"{os.sep}site-packages{os.sep}" not in frame.filename]
+    return f", line {own[-1].lineno}" + (f", `{own[-1].line}`" if own[-1].line else "") if own else ""
 
 
 def traced_name(word: str) -> Traced:

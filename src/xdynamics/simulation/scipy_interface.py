@@ -17,6 +17,7 @@ from xdynamics.expressions.substitution import Substitution, table_values
 from xdynamics.expressions.traced_arrays import array_of
 from xdynamics.expressions.tracing import Traced, node_of, traced_name
 from xdynamics.faults import InputError
+from xdynamics.keywords import keyword_hint
 from xdynamics.march.configuration import DEFAULT_RTOL, settings_for
 from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model
@@ -121,6 +122,9 @@ def solve(
     ('completed', 28.0, -9.3786)
     """
     settings = {option: value for option, value in settings.items() if option not in WITHOUT_EFFECT}
+    known = [*inspect.signature(simulate).parameters, "first_step"]
+    if unknown := next((option for option in settings if option not in known), ""):
+        raise InputError(f"solve has no '{unknown}'; {keyword_hint(unknown, [*known, *WITHOUT_EFFECT])}")
     if settings.get("max_step") == np.inf:
         del settings["max_step"]
     if (first := settings.pop("first_step", None)) is not None:
