@@ -207,8 +207,9 @@ def test_a_diagnosis_in_words() -> None:
     }
     lines = list(diagnosis.diagnosis_lines(found))
     assert lines == [
-        "energy_band = 0.123457",
-        "maximum_x = 1.235 m, interpolated",
+        "              band      greatest",
+        "total_energy  0.123457",
+        "x                       1.235 m",
         "largest_residual_x = 0.5 m, scaled 0.25 by 2 m",
         "attention: few",
         "cycles of x, each from one rise through 0.5 m, given, to the next: 2, phases beside none",
@@ -217,7 +218,7 @@ def test_a_diagnosis_in_words() -> None:
         "amplitude = 1 m in the first cycle, 0.75 m in the last",
         "phase_space_area = 3 m2 s-1 in the first cycle, 4 m2 s-1 in the last",
     ]
-    assert len(list(diagnosis.diagnosis_lines(found.isel(cycle=[])))) == 4
+    assert len(list(diagnosis.diagnosis_lines(found.isel(cycle=[])))) == 5
     del found.attrs["level_rule"]
     assert diagnosis.cycles_text(found) == "x, each from one rise through 0.5 m, to the next"
 

@@ -219,8 +219,8 @@ def test_wrong_actions(given: dict[str, Any], said: str) -> None:
         ({"boost": {"forces": "gravity"}}, "forces is 'gravity', needs a list of the forces that act in it"),
         ({"boost": {"forces": ["gravity", "gravity"]}}, "forces lists one of gravity, gravity twice"),
         ({"boost": {"forces": ["gravity"]}}, "force 'thrust' acts in no regime; put it into one, or leave it out"),
-        ({"boost": {}}, "key 'forces' is missing"),
-        ({"boost": 1}, "1 must be a table with forces"),
+        ({"boost": {}}, "force 'gravity' acts in no regime; put it into one, or leave it out"),
+        ({"boost": 1}, "1 must be a table of keys, such as forces, terms"),
         ({"two words": {"forces": ["gravity", "thrust"]}}, "a name is a letter"),
     ],
 )
