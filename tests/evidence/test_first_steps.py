@@ -77,3 +77,24 @@ def test_a_search_that_stops_early_gives_the_same_suggestion(name: str) -> None:
         whole = stable_step_of(spectrum.system, method, model, growth=0.01 / spectrum.resolved)
         whole = min(spectrum.resolved / 20, whole / 2) if whole == whole else whole
         assert step == pytest.approx(whole, rel=1e-15, nan_ok=True)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_a_pendulum_meets_its_lowest_point_within_a_period_or_not_at_all(size: float) -> None:
+    """Assert an event of a swing at any time scale, and none that constant acceleration would lead to after a turn."""
+    for at, word in (("0.5", "inside"), ("-5", "")):
+        model = xd.Model(
+            name="swing",
+            coordinates={"x": {"unit": "m"}},
+            parameters={"k": f"{1 / size**2!r} N m-1", "m": "1 kg"},
+            mass={"x": "m"},
+            forces={"spring": {"x": "-k*x"}},
+            initial={"x": "1 m", "v_x": "0 m s-1"},
+            events={"inside": {"function": f"x - {at}*metre"}},
+        )
+        start = initial_state(model)
+        linearisation = checked_linearisation(model, start)
+        within = Spectrum.of(model, linearisation).resolved
+        found, time = first_event(model, start, linearisation, within=within / 2 if not word else within)
+        assert found == word
+        assert not word or time == pytest.approx(size, rel=1e-6)  # sqrt(2*0.5/(k*1))

@@ -347,7 +347,8 @@ def _time_scale_lines(model: Model) -> Iterator[str]:
         check_can_be_linearised(model)
         start = initial_state(model)
         linearisation = checked_linearisation(model, start)
-        spectrum, (event, delay) = Spectrum.of(model, linearisation), first_event(model, start, linearisation)
+        spectrum = Spectrum.of(model, linearisation)
+        event, delay = first_event(model, start, linearisation, within=spectrum.resolved / 2.0)
     except InputError as error:
         yield f"scales    not known at the start: {error}"
     else:

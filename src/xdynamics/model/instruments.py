@@ -277,20 +277,22 @@ def times_of_dates(lines: list[str]) -> tuple[list[str], str]:
 
 
 def _refuse_ambiguous_dates(lines: list[str]) -> None:
-    """Refuse dates that may be read in two ways, and clocks of twelve hours.
+    """Refuse dates that may be read in two ways, and clocks of twelve hours, where two lines begin with one.
 
     Raises
     ------
     InputError
         With the spelling that is read.
     """
+    found = []
     for line in lines[:200]:
-        for cell in line.split(next((separator for separator in SEPARATORS if separator in line), ","))[:2]:
-            if _AMBIGUOUS.match(cell.strip(_QUOTED)):
-                raise InputError(
-                    f"the time {cell_excerpt(cell.strip(_QUOTED))} is not read: write dates as 2024-03-25 or 25.3.2024, clocks"
-                    " as 14:05:00"
-                )
+        separator = next((separator for separator in SEPARATORS if separator in line), ",")
+        cells = [cell.strip(_QUOTED) for cell in line.split(separator)[:2]]
+        found += [cell for cell in cells if _AMBIGUOUS.match(cell)][:1]
+        if len(found) > 1:
+            raise InputError(
+                f"the time {cell_excerpt(found[0])} is not read: write dates as 2024-03-25 or 25.3.2024, clocks as 14:05:00"
+            )
 
 
 def _with_dates_joined(lines: list[str]) -> list[str]:

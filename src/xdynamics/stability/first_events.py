@@ -16,11 +16,13 @@ from xdynamics.model.motion import constants, drive_pieces, motion_inputs, varia
 from xdynamics.schema import velocity
 
 MOST_FUNCTIONS = 64  # events and contacts that are looked at
-LATEST, EARLIEST, TRIED, HALVINGS = 1e3, 1e-6, 120, 30  # of the time of the motion; instants that are tried in it
+EARLIEST, LATEST, TRIED, HALVINGS = 1e-15, 1e12, 270, 30  # s; instants that are tried between them, then in a bracket
 SIGNS = {"rising": (1.0,), "falling": (-1.0,), "either": (1.0, -1.0)}
 
 
-def first_event(model: Model, state: Mapping[str, float], linearisation: Linearisation) -> tuple[str, float]:
+def first_event(
+    model: Model, state: Mapping[str, float], linearisation: Linearisation, *, within: float = np.inf
+) -> tuple[str, float]:
     """Return the event or contact that a motion meets first, and how long after its start, s.
 
     Parameters
@@ -30,6 +32,8 @@ def first_event(model: Model, state: Mapping[str, float], linearisation: Lineari
         The start in SI units.
     linearisation : Linearisation
         About the start, for its accelerations.
+    within : float, s
+        How long these last: half the time in which the motion turns.
 
     Returns
     -------
@@ -54,7 +58,7 @@ def first_event(model: Model, state: Mapping[str, float], linearisation: Lineari
     functions = dict(_functions_of_state(model))
     if not functions or not names or len(functions) > MOST_FUNCTIONS:
         return "", np.inf
-    times = [0.0, *np.geomspace(EARLIEST, LATEST, TRIED).tolist()]
+    times = [0.0, *np.geomspace(EARLIEST, min(LATEST, within), TRIED).tolist()]
     before = dict.fromkeys(functions, 0.0)
     for earlier, later in pairwise(times):
         values = inputs(later)
