@@ -114,6 +114,7 @@ def test_an_interpolator_keeps_what_it_is_beyond_its_table(kind: str, fill: Any,
             xd.solve(lambda t, _y: [table(t)], (0.0, 6.0), [0.0], rtol=1e-9)
         return
     run = xd.solve(lambda t, _y: [table(t)], (0.0, 6.0), [0.0], rtol=1e-9)
+    assert (run.attrs["run_outcome"], float(run.time[-1])) == ("completed", 6.0)
     within = {"previous": 12.0, "linear": 13.0, "cubic": CubicSpline(times, values).integrate(0.0, 4.0)}[kind]
     assert run.dynamics.solution.y[0, -1] == pytest.approx(float(within) + 2.0 * after, rel=1e-8)
 

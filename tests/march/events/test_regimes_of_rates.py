@@ -96,6 +96,22 @@ def test_terms_beside_a_rate_and_of_two_states_are_one() -> None:
     assert run.E.values[-1] == pytest.approx(1000.0 * WARMING, rel=1e-10)
 
 
+def test_a_term_acts_in_each_of_the_regimes_that_list_it() -> None:
+    """Assert a ramp that goes on in the first and third of three regimes, and rests in the second."""
+    model = xd.Model(
+        name="ramp",
+        states={"s": {"unit": "m", "terms": {"up": "1*metre/second"}}},
+        events={
+            "wait": {"function": "t - 1*second", "direction": "rising", "action": "switch", "to": "still"},
+            "on": {"function": "t - 3*second", "direction": "rising", "action": "switch", "to": "again"},
+        },
+        regimes={"first": {"terms": ["up"]}, "still": {}, "again": {"terms": ["up"]}},
+        initial={"s": "0 m"},
+    )
+    run = xd.simulate(model, method="rk4", step="0.1 s", until="4 s")
+    assert run.dynamics.at([0.5, 1.0, 2.0, 3.0, 4.0]).s.values == pytest.approx([0.5, 1.0, 1.0, 1.0, 2.0], rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
