@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -345,6 +346,24 @@ def test_the_line_of_a_bundle_makes_it_again_in_an_environment_that_knows_nothin
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(str(site))
     assert {path.name for path in (site / "bin").iterdir()} == {"xdynamics"}
+
+
+def test_a_wheel_that_was_added_or_changed_is_found(bundled: Path, tmp_path: Path) -> None:
+    """Assert that a bundle's own wheel has a digest, and that no other passes for it."""
+    (wheel,) = bundled.glob("*.whl")
+    for change, said in (
+        (lambda folder: (folder / wheel.name).write_bytes(b"another"), f"{wheel.name} differs from its digest"),
+        (lambda folder: (folder / wheel.name).unlink(), f"{wheel.name} is missing"),
+        (
+            lambda folder: (folder / "xdynamics-9.9-py3-none-any.whl").write_bytes(b""),
+            "9.9-py3-none-any.whl is none of its",
+        ),
+    ):
+        folder = tmp_path / said[-9:]
+        shutil.copytree(bundled, folder)
+        change(folder)
+        with pytest.raises(xd.ArchiveError, match=said.replace(".", r"\.")):
+            xd.recheck(folder)
 
 
 def test_the_wheel_of_a_bundle_is_the_package(tmp_path: Path) -> None:

@@ -67,7 +67,10 @@ FILES: dict[str, tuple[Callable[[Path], object], dict[str, str]]] = {
     "bare.parquet": (pd.DataFrame(BARE).to_parquet, UNITS),
     "dates.parquet": (pd.DataFrame({"pull [N]": PULL}, index=STAMPS).to_parquet, {}),
     "c.nc": (netcdf, {}),
-    "d.mat": (lambda path: savemat(path, BARE | {"name": "bench", "matrix": np.zeros((3, 3))}), UNITS),
+    "d.mat": (
+        lambda path: savemat(path, {"gains": np.arange(7.0)} | BARE | {"name": "bench", "matrix": np.zeros((3, 3))}),
+        UNITS,
+    ),
     "e.h5": (group_of_hdf5, {"column": '"pull"'}),
 }
 
