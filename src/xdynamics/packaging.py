@@ -87,14 +87,10 @@ class PlatformWheel(bdist_wheel):
     """A wheel for any Python 3 on one platform: the text is LLVM's for it, and calls no Python."""
 
     def initialize_options(self) -> None:
-        """Set the options as they are unless others are given: this platform."""
+        """Set the options as they are unless others are given: this platform, of which its metadata say that it is one."""
         super().initialize_options()
         self.plat_name = sysconfig.get_platform()
-
-    def finalize_options(self) -> None:
-        """Say that it is no wheel for all platforms, in its metadata too."""
-        super().finalize_options()
-        self.root_is_pure = False
+        self.distribution.has_ext_modules = lambda: True  # else setuptools takes its modules for those of any platform
 
     def get_tag(self) -> tuple[str, str, str]:
         """Return the tag: it calls no Python, so that any Python 3 will do."""

@@ -34,7 +34,7 @@ def ball(g: float = 9.81) -> xd.Model:
 
 def quoted(beginning: str) -> str:
     """Return the message between backticks on the page that begins so, as a pattern."""
-    texts = re.findall(r"`([^`]+)`", ARCHIVES_PAGE)
+    texts = re.findall(r"`([^`]+)`", re.sub(r"```.*?```", "", ARCHIVES_PAGE, flags=re.DOTALL))
     found = next(text for text in texts if text.startswith(beginning))
     return re.escape(" ".join(found.split()).removeprefix("AlignmentError: "))
 

@@ -15,13 +15,13 @@ from cases.command_line import call
 from cases.problems import ROOT
 from xdynamics.cli import main
 from xdynamics.cli.examples import EXAMPLES
-from xdynamics.documenting.guide import topics
+from xdynamics.documenting.guide import STARTER, topics
 from xdynamics.documenting.markdown import WIDTH, terminal_lines
 
 LONGEST_PAGE = 12_000  # characters
 PAGES = {name: "\n".join(terminal_lines(page())) for name, page in topics().items()}
 PRINTED = [
-    found.group(0).strip()
+    re.split(r"\s{2,}#", found.group(0))[0].strip()
     for text in (re.sub(r" \\\n\s+", " ", page) for page in PAGES.values())
     for found in re.finditer(r"(?:(?<=^  )|(?<=`))xdynamics [a-z]+[^`\n]*", text, re.MULTILINE)
 ]
@@ -31,7 +31,7 @@ DEAR = {  # in orders in which each finds the files that it names
     "studies": ("refine", "budget", "sweep", "validate"),
     "certificates": ("certify", "bundle", "recheck", "report"),
 }
-ELSEWHERE = ("s3://", "tcp://", "…", " | ", "MODEL.toml --axis")  # stores, machines and files of somebody else
+ELSEWHERE = ("folder/*.nc", "s3://", "tcp://", "…", " | ", "MODEL.toml --axis")  # stores, machines and files of somebody else
 SPRING = """
 name = "spring"
 coordinates = { x = "m" }
@@ -123,6 +123,7 @@ def test_the_example_of_a_fit_runs(folder: Path) -> None:
 @pytest.mark.dear
 def test_commands_of_pages_run(folder: Path) -> None:
     """Assert that commands in pages, but for those of other machines and stores, end well with files such as they name."""
+    (folder / "pendulum.toml").write_text(STARTER)
     (folder / "spring.toml").write_text(SPRING)
     (folder / "ball.toml").write_text(BALL)
     xd.simulate(xd.Model.from_text(BALL), path="run.nc")
