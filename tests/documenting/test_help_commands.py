@@ -31,7 +31,14 @@ DEAR = {  # in orders in which each finds the files that it names
     "studies": ("refine", "budget", "sweep", "validate"),
     "certificates": ("certify", "bundle", "recheck", "report"),
 }
-ELSEWHERE = ("folder/*.nc", "s3://", "tcp://", "…", " | ", "MODEL.toml --axis")  # stores, machines and files of somebody else
+ELSEWHERE = (
+    "folder/*.nc",
+    "s3://",
+    "tcp://",
+    "…",
+    " | ",
+    "MODEL.toml --axis",
+)  # stores, machines and files of somebody else
 SPRING = """
 name = "spring"
 coordinates = { x = "m" }

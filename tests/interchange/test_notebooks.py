@@ -46,7 +46,7 @@ def test_a_run_is_a_small_page(shown: dict[str, dict[str, str]]) -> None:
     assert len(page.encode()) <= 20_000
     for said in (
         "Ball thrown upward",
-        "stopped_by_event",
+        "&#x27;ground&#x27; stopped the run",
         "apex at t = 1.799 s",
         "v_y",
         "force_drag_y",

@@ -102,8 +102,7 @@ def bundle(
     with store_of(target).taking_folder(target) as built:
         for name, dataset in ((CERTIFICATE, record), (RUN, run), (LEDGER, ledger)):
             archive.save(dataset, built / name)
-            with archive.open_run(built / name) as archived:  # whose digest its picture names, as the script's does
-                plot(archived, (built / name).with_suffix(".png"))
+            plot(dataset, (built / name).with_suffix(".png"))
         _write_text(built / MODEL, model.to_toml())
         _write_text(built / SCRIPT, _SCRIPT)
         carried_wheel.write_wheel(built / wheel)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 from xdynamics.archive import check_states, without_stale_units
+from xdynamics.archive.content import content_digest
 from xdynamics.archive.store import GIVEN, Given, location_of
 from xdynamics.evidence.grid_axes import is_sweep, sweep_of
 from xdynamics.evidence.stages import compute_datasets
@@ -19,7 +20,7 @@ from xdynamics.record.folding import model_dimensions
 from xdynamics.record.run_dataset import check_dataset
 from xdynamics.record.schemas import with_article
 from xdynamics.record.unfolding import unfold
-from xdynamics.schema import EVIDENCE
+from xdynamics.schema import EVIDENCE, ROOT_DIGEST
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -95,6 +96,7 @@ def plot(
         [beside] if isinstance(beside, GIVEN) or hasattr(beside, "attrs") or hasattr(beside, "columns") else [*beside]
     )
     subject, companions, names = _split_first_record(record, companions)
+    sources = [subject, *companions]
     subject, *companions = [
         _record_to_draw(source) if hasattr(source, "attrs") else source for source in (subject, *companions)
     ]
@@ -130,19 +132,19 @@ def plot(
         drawn_panels = drawn_panels[: page.most_panels]
     with background_style(dark=dark):
         figure = sheet(drawn_panels, title, foot, page.panel_height(len(drawn_panels)), size)
-        figure.title, figure.about = title, _digests_text([subject, *companions])
         if path is not None:
+            figure.title, figure.about = title, _digests_text(sources)
             write_figure(figure, location_of(path), dpi)
     return figure
 
 
 def _digests_text(records: Iterable[Any]) -> str:
-    """Return the digests of what is drawn: of an archive its content, of what was not archived its model."""
+    """Return the digests of what is drawn, each that an archive of it has or would have; of what is lazy none."""
     digests = []
-    for record in records:
-        attributes = getattr(record, "attrs", {})
-        if key := next((key for key in ("content_digest", "model_digest") if key in attributes), ""):
-            digests.append(f"{attributes.get('title', 'a record')}: {key} {attributes[key]}")
+    for record in filter(lambda record: hasattr(record, "data_vars"), records):
+        lazy = any(variable.chunks is not None for variable in record.variables.values())
+        digest = record.attrs.get(ROOT_DIGEST) or ("" if lazy else content_digest(record))
+        digests += [f"{record.attrs.get('title', 'a record')}: {ROOT_DIGEST} {digest}"] if digest else []
     return "; ".join(digests)
 
 

@@ -283,7 +283,7 @@ SECTIONS: dict[str, Section] = {
         "where the motion starts: t, every coordinate, velocity and state", "initial value",
         (Key("value", raw("quantity, or a number beside unit; with dimensions also lists; or an expression of parameters and index(…)"), "at the start", NEEDED), Key("unit", raw("unit"), "where the value has none", "1"), *SPREAD, *TABLED, DESCRIPTION),
         '[initial]\nt = "0 s"\nx = { value = "10 mm", uncertainty = 0.1, description = "read off the scale" }\nv_x = "0 m s-1"\n'
-        'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\nconsistent = true\n'
+        'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nroom = "290 K"\nregime = "pulled"\nconsistent = true\n'
         'u = { table = "start.csv", column = "u", csv = "site,u [mm]\\n3,1\\n0,0\\n1,2\\n2,1\\n" }\nv_u = { values = { 0 = "0 m s-1", 1 = "1 mm s-1", 2 = "0 m s-1", 3 = "0 m s-1" } }\n'
         'warmth = { table = "warmth.csv", columns = ["a", "b", "c", "d"], csv = """\na [J],b [J],c [J],d [J]\n1,2,3,4\n0,0,0,0\n1,1,1,1\n""" }\n',
         'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0; consistent = true moves it to where constraints hold',
