@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from hypothesis import given
@@ -194,3 +195,12 @@ def test_kinks_that_nobody_named_are_not_marked() -> None:
     relay = xd.simulate(xd.Model.from_toml(MODELS / "relay_oscillator.toml"))
     legends = [axes.get_legend() for axes in xd.plot(relay).axes]
     assert any("relay.sign" in text.get_text() for legend in legends if legend for text in legend.get_texts())
+
+
+def test_measured_data_stand_beside_a_run_as_pandas_has_them(tmp_path: Path) -> None:
+    """Assert that a DataFrame is drawn over the same variable, and that the file names the run alone."""
+    run = xd.simulate(oscillator().model, step=0.01, until=5.0)
+    data = pd.DataFrame({"time [s]": [1.0, 2.0, 3.0], "x [m]": [0.1, 0.2, 0.3]})
+    figure = xd.plot(run, tmp_path / "both.png", only="x", beside=data)
+    assert any(np.array_equal(line.get_ydata(), data["x [m]"]) for line in figure.axes[0].lines)
+    assert figure.about == f"{run.attrs['title']}: content_digest {xd.content_digest(run)}"

@@ -98,7 +98,7 @@ def plot(
     subject, companions, names = _split_first_record(record, companions)
     sources = [subject, *companions]
     subject, *companions = [
-        _record_to_draw(source) if hasattr(source, "attrs") else source for source in (subject, *companions)
+        _record_to_draw(source) if hasattr(source, "data_vars") else source for source in (subject, *companions)
     ]
     subject = _computed_record(subject, requested_names)
     if hasattr(subject, "attrs"):
@@ -145,7 +145,7 @@ def _digests_text(records: Iterable[Any]) -> str:
         lazy = any(variable.chunks is not None for variable in record.variables.values())
         digest = record.attrs.get(ROOT_DIGEST) or ("" if lazy else content_digest(record))
         digests += [f"{record.attrs.get('title', 'a record')}: {ROOT_DIGEST} {digest}"] if digest else []
-    return "; ".join(digests)
+    return "; ".join(dict.fromkeys(digests))
 
 
 def _record_to_draw(record: xr.Dataset) -> xr.Dataset:
