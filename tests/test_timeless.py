@@ -42,7 +42,7 @@ def test_no_number_has_a_second(tmp_path: Path) -> None:
     model = xd.Model(**LORENZ)
     assert xd.Model.from_text(model.to_toml()) == model
     run = xd.simulate(model)
-    assert not [name for name, variable in run.variables.items() if "s" in str(variable.attrs["units"]).split()]
+    assert not [name for name, variable in run.variables.items() if "s" in str(variable.attrs.get("units", "")).split()]
     assert run.attrs["run_outcome_text"] == "reached t = 15"
     assert {attr for key, attr in run.attrs.items() if key.startswith("solver_") and key.endswith("_units")} == {"1"}
     assert xd.reproduce(xd.save(run, tmp_path / "lorenz.nc")).attrs["identical"] == 1
