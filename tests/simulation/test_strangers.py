@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline, interp1d
 
 import xdynamics as xd
@@ -105,18 +106,28 @@ def test_what_a_function_may_not_do_is_told_with_its_line(fun: Any, options: dic
     ("fill", "after"), [((0.0, 0.0), 0.0), ((1.0, 3.0), 3.0), ("extrapolate", None), ((7.0, 7.0), None)]
 )
 @pytest.mark.parametrize("kind", ["previous", "linear", "cubic"])
-def test_an_interpolator_keeps_what_it_is_beyond_its_table(kind: str, fill: Any, after: float | None) -> None:
-    """Assert scipy's integral where it is 0 or holds beyond the table, and an early end where a drive has no such rule."""
+@pytest.mark.parametrize("start", [0.0, 0.5, 4.5])
+def test_an_interpolator_keeps_what_it_is_beyond_its_table(
+    kind: str, fill: Any, after: float | None, start: float
+) -> None:
+    """Assert scipy's integral where it is 0 or holds beyond the table, and an early end where a drive has no such rule.
+
+    The start is at a point, between two, and beyond the last, where there is no table to begin in without a rule.
+    """
     times, values = np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([1.0, 4.0, 2.0, 5.0, 3.0])
     table = interp1d(times, values, kind=kind, bounds_error=False, fill_value=fill)
     if after is None:
-        with pytest.warns(xd.AccuracyWarning, match="outside drive table"):
-            xd.solve(lambda t, _y: [table(t)], (0.0, 6.0), [0.0], rtol=1e-9)
+        if start < 4.0:
+            with pytest.warns(xd.AccuracyWarning, match="outside drive table"):
+                xd.solve(lambda t, _y: [table(t)], (start, 6.0), [0.0], rtol=1e-9)
         return
-    run = xd.solve(lambda t, _y: [table(t)], (0.0, 6.0), [0.0], rtol=1e-9)
+    run = xd.solve(lambda t, _y: [table(t)], (start, 6.0), [0.0], rtol=1e-9)
     assert (run.attrs["run_outcome"], float(run.time[-1])) == ("completed", 6.0)
+    ends = np.unique([start, *times[times > start], 6.0])
+    expected = sum(quad(table, *pair)[0] for pair in pairwise(ends))
+    assert run.dynamics.solution.y[0, -1] == pytest.approx(expected, rel=1e-8)
     within = {"previous": 12.0, "linear": 13.0, "cubic": CubicSpline(times, values).integrate(0.0, 4.0)}[kind]
-    assert run.dynamics.solution.y[0, -1] == pytest.approx(float(within) + 2.0 * after, rel=1e-8)
+    assert start > 0.0 or expected == pytest.approx(float(within) + 2.0 * after, rel=1e-12)
 
 
 @pytest.mark.parametrize("word", ["celsius", "degC", "centigrade"])

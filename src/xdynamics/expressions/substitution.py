@@ -259,14 +259,4 @@ def _names(code: CodeType) -> set[str]:
 
 def table_values(tables: Mapping[str, Points], t: float) -> dict[str, float]:
     """Return the values of tables at a time."""
-    return {word: _table_value(points, t) for word, points in tables.items()}
-
-
-def _table_value(points: Points, t: float) -> float:
-    """Return the value of a table at a time, as scipy has it."""
-    times, values, interpolation, _ = points
-    if interpolation == "linear":
-        return float(np.interp(t, times, values))
-    from scipy.interpolate import CubicSpline, PchipInterpolator
-
-    return float((CubicSpline if interpolation == "cubic" else PchipInterpolator)(times, values)(t))
+    return {word: float(points.values_at(t)) for word, points in tables.items()}

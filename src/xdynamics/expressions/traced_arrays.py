@@ -39,6 +39,20 @@ class Points(NamedTuple):
     interpolation: str = "linear"
     outside: str = "hold"
 
+    def values_at(self, t: Any) -> Any:
+        """Return the values at times, within the table and beyond, by the libraries that made it."""
+        from scipy.interpolate import CubicSpline, PchipInterpolator
+
+        times, values = np.array(self.times), np.array(self.values)
+        within = np.clip(t, times[0], times[-1])
+        if self.interpolation == "linear":
+            inside = np.interp(within, times, values)
+        elif self.interpolation == "previous":
+            inside = values[np.searchsorted(times, within, side="right") - 1]
+        else:
+            inside = (CubicSpline if self.interpolation == "cubic" else PchipInterpolator)(times, values)(within)
+        return np.where((within != t) & (self.outside == "zero"), 0.0, inside)
+
 
 class TracedArray(np.ndarray[Any, Any]):
     """An array of numbers, some of them traced."""
@@ -170,7 +184,7 @@ def interpolator_reader(interpolator: Any, tables: dict[str, Points]) -> _Interp
     It is known by its values: constant up to the next point, along straight lines, by a cubic spline whose ends are
     not-a-knot, or by a monotone cubic (PCHIP); beyond its ends 0, as they are, or none.
     """
-    from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
+    from scipy.interpolate import BSpline
 
     if isinstance(interpolator, BSpline):
         knots = np.unique(interpolator.t)
@@ -186,18 +200,13 @@ def interpolator_reader(interpolator: Any, tables: dict[str, Points]) -> _Interp
         return None
     within = np.concatenate([sites[:-1] + part * np.diff(sites) for part in (0.3, 0.8)])
     known, size = interpolator(within), np.abs(values).max()
-    alike: dict[str, Callable[[], Any]] = {
-        "linear": lambda: np.interp(within, sites, values),
-        "cubic": lambda: CubicSpline(sites, values)(within),
-        "pchip": lambda: PchipInterpolator(sites, values)(within),
-        "previous": lambda: values[np.searchsorted(sites, within, side="right") - 1],
-    }
-    word = next((word for word, value in alike.items() if (np.abs(value() - known) <= ALIKE * size).all()), "")
-    return (
-        _Interpolator(interpolator, (sites, values, word, _beyond(interpolator, sites, values)), tables)
-        if word
-        else None
+    tabled = (Points(tuple(sites), tuple(values), word) for word in ("linear", "cubic", "pchip", "previous"))
+    points = next(
+        (points for points in tabled if (np.abs(points.values_at(within) - known) <= ALIKE * size).all()), None
     )
+    if points is None:
+        return None
+    return _Interpolator(interpolator, points._replace(outside=_beyond(interpolator, sites, values)), tables)
 
 
 def _beyond(interpolator: Any, sites: Any, values: Any) -> str:
@@ -215,8 +224,8 @@ def _beyond(interpolator: Any, sites: Any, values: Any) -> str:
 class _Interpolator:
     """An interpolator of scipy, which at traced times is the name of its table, and else as it was."""
 
-    def __init__(self, interpolator: Any, table: tuple[Any, Any, str, str], tables: dict[str, Points]) -> None:
-        self._interpolator, self._table, self._tables = interpolator, table, tables
+    def __init__(self, interpolator: Any, points: Points, tables: dict[str, Points]) -> None:
+        self._interpolator, self._points, self._tables = interpolator, points, tables
 
     def __call__(self, x: Any, *further: Any, **options: Any) -> Any:
         if further or options or not is_traced(x):
@@ -232,8 +241,8 @@ class _Interpolator:
                 "the function reads an interpolator of scipy at something else than t, or a straight line of it; write"
                 " numpy.interp(y[0], x, table), of some 40 points, or the model with a drive over a coordinate"
             )
-        sites, values, word, outside = self._table
-        return _noted(line, sites, values, self._tables, word, outside)
+        times, values, interpolation, outside = self._points
+        return _noted(line, np.array(times), np.array(values), self._tables, interpolation, outside)
 
     def __getattr__(self, word: str) -> Any:
         return getattr(self._interpolator, word)
