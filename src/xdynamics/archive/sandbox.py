@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import select
 import signal
 import sys
@@ -19,6 +18,7 @@ from typing import Any
 
 from xdynamics.archive.integrity_checks import Examination, examine_file
 from xdynamics.archive.seals import Tail
+from xdynamics.runtime.files import bound_memory
 
 PATIENCE = 60.0  # s without a request, after which the process ends
 READY = "ready"
@@ -58,7 +58,7 @@ def _answer_requests() -> None:
 
 def _examine_request(request: dict[str, Any]) -> Examination:
     """Examine one file within its bounds."""
-    _bound_memory(request["memory"])
+    bound_memory(request["memory"])
     # processor time: what waits for a disk or for other processes is no fault of the file
     signal.setitimer(signal.ITIMER_PROF, request["seconds"])
     try:
@@ -82,15 +82,3 @@ def _grant(speed: float, size: int) -> None:
 
 def _send_answer(answer: object) -> None:
     print(json.dumps(answer), flush=True)  # noqa: T201 - to the process that asked
-
-
-def _bound_memory(more: int) -> None:
-    # a file that makes the reader crash must not fill the disk with core dumps
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    try:
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-    except OSError:
-        return  # a system that does not report the memory in use
-    # RLIMIT_AS counts all address space, much of which the libraries have taken before any file is read
-    limit = pages * resource.getpagesize() + more
-    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))

@@ -49,18 +49,17 @@ def write_wheel(path: Path) -> None:
 
 def _modules() -> Iterator[tuple[str, bytes]]:
     for path in sorted(PACKAGE.rglob("*")):
-        if path.is_file() and (path.suffix in KEPT or path.name.endswith(KEPT)) and "__pycache__" not in path.parts:
+        if path.is_file() and path.suffix in KEPT and "__pycache__" not in path.parts:
             yield f"xdynamics/{path.relative_to(PACKAGE).as_posix()}", path.read_bytes()
 
 
 def _metadata(folder: str) -> Iterator[tuple[str, bytes]]:
     yield f"{folder}/WHEEL", b"Wheel-Version: 1.0\nGenerator: xdynamics\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
-    found = _installed()
-    about = (
-        found.read_text("METADATA") or found.read_text("PKG-INFO") or ""
-    )  # installed, or beside modules in their place
-    yield f"{folder}/METADATA", about.encode()
-    yield f"{folder}/entry_points.txt", (found.read_text("entry_points.txt") or "").encode()
+    installed = _installed()
+    # of an editable installation the metadata stand beside the modules, under another name
+    metadata = installed.read_text("METADATA") or installed.read_text("PKG-INFO") or ""
+    yield f"{folder}/METADATA", metadata.encode()
+    yield f"{folder}/entry_points.txt", (installed.read_text("entry_points.txt") or "").encode()
 
 
 def _installed() -> Distribution:

@@ -39,7 +39,7 @@ from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
 from xdynamics.shapes.naming import split_element_name
 from xdynamics.stability.first_events import first_event
-from xdynamics.stability.spectrum import Spectrum, checked_linearisation
+from xdynamics.stability.spectrum import Spectrum, checked_linearisation, methods_by_step
 from xdynamics.units import Quantity, unit_suffix
 
 COUNTED = (
@@ -385,11 +385,7 @@ def _method_lines(model: Model, taking: Mapping[str, Method]) -> Iterator[str]:
 
 def _first_step_lines(steps: Mapping[str, float], second: str) -> Iterator[str]:
     """Tell the step to begin with, the one of most methods first."""
-    by_step: dict[str, list[str]] = {}
-    for name, step in steps.items():
-        if 0.0 < step < float("inf"):
-            by_step.setdefault(f"{float(f'{step:.2g}'):g}", []).append(name)
-    for k, (step_text, names) in enumerate(sorted(by_step.items(), key=lambda item: -len(item[1]))):
+    for k, (step_text, names) in enumerate(sorted(methods_by_step(steps).items(), key=lambda item: -len(item[1]))):
         whose = f" by {', '.join(names)}" if k else ""
         yield f"step      {step_text}{second} to begin with{whose}"
 

@@ -32,7 +32,7 @@ from xdynamics.record.schemas import log_description
 from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.fork_safety import one_blas_thread
 from xdynamics.schema import STEPS, Variable
-from xdynamics.stability.spectrum import Spectrum, StepLimits, checked_linearisation
+from xdynamics.stability.spectrum import Spectrum, StepLimits, checked_linearisation, methods_by_step
 from xdynamics.units import NONE, NUMBERS, Unit, parse_unit, spell, unit_suffix
 
 
@@ -205,7 +205,7 @@ def _modes_dataset(
     filled = [
         *_state_variables(model, state),
         *_undamped(model, spectrum),
-        *_eigenvalues(model, spectrum.eigenvalues),
+        *_eigenvalues(model, spectrum),
         *_stability_limits(model, limits),
     ]
     attributes = {
@@ -265,10 +265,10 @@ def _undamped(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
     return result
 
 
-def _eigenvalues(model: Model, eigenvalues: NDArray[np.complex128]) -> list[tuple[Variable, Any]]:
+def _eigenvalues(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
     """Return the eigenvalues of the Jacobian, the slowest first, and the time scale of the fastest."""
     comment = {"comment": "negative decays, positive grows"}
-    size, rate = float(np.max(np.abs(eigenvalues), initial=0.0)), NUMBERS.per(model.time_unit).text
+    rate = NUMBERS.per(model.time_unit).text
     real = Variable(
         "eigenvalue_real",
         (EIGENVALUES,),
@@ -284,7 +284,7 @@ def _eigenvalues(model: Model, eigenvalues: NDArray[np.complex128]) -> list[tupl
     scale = Variable(
         "fastest_time_scale", (), "f8", model.time_unit.text, "one over the largest eigenvalue", "time_scale"
     )
-    return [(real, eigenvalues.real), (imag, eigenvalues.imag), (scale, 1.0 / size if size else np.inf)]
+    return [(real, spectrum.eigenvalues.real), (imag, spectrum.eigenvalues.imag), (scale, spectrum.fastest)]
 
 
 def _stability_limits(model: Model, limits: StepLimits) -> list[tuple[Variable, Any]]:
@@ -406,11 +406,8 @@ def _frequency_sentence(modes: xr.Dataset) -> str:
 def _suggested_step_lines(modes: xr.Dataset) -> Iterator[str]:
     """Tell the step to begin with, and the methods that it is suggested for; the longest step first."""
     step, methods = modes["suggested_step"], np.array(words_of_flag(modes["method_name"]))
-    by_step: dict[str, list[str]] = {}
-    for k in np.argsort(-step.values, kind="stable").tolist():
-        if 0.0 < step.values[k] < np.inf:
-            by_step.setdefault(f"{float(f'{step.values[k]:.2g}'):g}", []).append(str(methods[k]))
-    for size, names in by_step.items():
+    longest_first = np.argsort(-step.values, kind="stable").tolist()
+    for size, names in methods_by_step({str(methods[k]): float(step.values[k]) for k in longest_first}).items():
         step_text = f"{size}{unit_suffix(str(step.attrs['units']))} to begin with by {', '.join(names)}"
         yield from textwrap.wrap(step_text, WIDTH, initial_indent="step      ", subsequent_indent=" " * 10)
 

@@ -213,12 +213,12 @@ def _beyond(interpolator: Any, sites: Any, values: Any) -> str:
     """Return what an interpolator is beyond its ends: 0, the value there, or nothing that a drive is."""
     far = np.array([0.1, 3.0]) * (sites[-1] - sites[0])
     try:
-        found = np.asarray(interpolator(np.concatenate([sites[0] - far, sites[-1] + far])), float)
+        values_beyond = np.asarray(interpolator(np.concatenate([sites[0] - far, sites[-1] + far])), float)
     except ValueError:  # as interp1d raises it there
         return "error"
-    if not found.any():
+    if not values_beyond.any():
         return "zero"
-    return "hold" if np.array_equal(found, np.repeat(values[[0, -1]], 2)) else "error"
+    return "hold" if np.array_equal(values_beyond, np.repeat(values[[0, -1]], 2)) else "error"
 
 
 class _Interpolator:

@@ -6,7 +6,6 @@ process that the model's files start (`xdynamics.model.file_access`) and that wr
 
 from __future__ import annotations
 
-import resource
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -19,6 +18,7 @@ from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import csv_text
 from xdynamics.model.file_access import HDF5, LARGEST_TABLE, MOST_COLUMNS, MOST_ROWS_READ, NETCDF, REFUSED
 from xdynamics.model.table_values import table_text
+from xdynamics.runtime.files import bound_memory
 
 MEMORY, SECONDS_OF_PROCESSOR = 1_500_000_000, 30  # bytes of address space over what libraries take
 
@@ -28,7 +28,8 @@ def main(path: str, name: str) -> None:
     file = Path(path)
     read = next(read for suffixes, read in READERS.items() if file.suffix.lower() in suffixes)
     try:
-        _bound()
+        bound_memory(MEMORY)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS_OF_PROCESSOR)
         text = read(file, name)
     except ImportError as error:
         _refuse(f"{error.name} is not installed: pip install 'xdynamics[tables]'")
@@ -43,16 +44,6 @@ def _refuse(why: str) -> NoReturn:
     sys.stdout.write(why)
     sys.stdout.flush()
     sys.exit(REFUSED)
-
-
-def _bound() -> None:
-    """Bound the memory and the processor's time of what follows."""
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 0
-    if pages:
-        limit = pages * resource.getpagesize() + MEMORY
-        resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
-    signal.setitimer(signal.ITIMER_PROF, SECONDS_OF_PROCESSOR)
 
 
 def _netcdf(file: Path, name: str) -> str:

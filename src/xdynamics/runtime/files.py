@@ -40,6 +40,21 @@ def free_memory() -> float:
     return max(available, 0.0)
 
 
+def bound_memory(more: int) -> None:
+    """Bound the memory of this process by what it has now and so many bytes more; it leaves no core dump."""
+    import resource
+
+    # a file that makes the reader crash must not fill the disk with core dumps
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    except OSError:
+        return  # a system that does not report the memory in use
+    # RLIMIT_AS counts all address space, much of which the libraries have taken before any file is read
+    limit = pages * resource.getpagesize() + more
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
+
+
 def size_text(size: float) -> str:
     """Write a size in words.
 

@@ -116,6 +116,21 @@ def _squares_and_shapes(normal: NormalModes, space: Floats) -> tuple[Complexes, 
     return squares, shapes / largest
 
 
+def methods_by_step(steps: Mapping[str, float]) -> dict[str, list[str]]:
+    """Return the methods of each step, which is written with two digits; without those that have none.
+
+    Examples
+    --------
+    >>> methods_by_step({"rk4": 0.1, "heun": 0.101, "midpoint": 0.05, "taylor": float("nan")})
+    {'0.1': ['rk4', 'heun'], '0.05': ['midpoint']}
+    """
+    grouped: dict[str, list[str]] = {}
+    for name, step in steps.items():
+        if 0.0 < step < np.inf:
+            grouped.setdefault(f"{float(f'{step:.2g}'):g}", []).append(name)
+    return grouped
+
+
 @dataclass(frozen=True)
 class StepLimits:
     """The steps that each method may take, in the order of `METHODS`; nan where one refuses the model.

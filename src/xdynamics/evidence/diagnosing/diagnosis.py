@@ -71,7 +71,7 @@ SAID = {
 }
 LONGEST = 9  # digits in lines of numbers whose uncertainty is known
 RELATIVE = "relative_uncertainty"  # attribute: what tolerances and uncertain inputs leave open of a number
-RANGES = {"band_": "band", "drift_": "drift", "minimum_": "least", "maximum_": "greatest"}  # columns of what is told
+RANGES = {"band_": "band", "drift_": "drift", "minimum_": "least", "maximum_": "greatest"}  # columns of the table
 OF_RANGES = ("maximum_", "minimum_", "band_", "drift_")
 SAMPLED = "sampled"  # of an extreme: at a row, where others are interpolated between rows or located
 
@@ -340,11 +340,11 @@ def cycle_count(diagnosis: xr.Dataset) -> int:
 
 def diagnosis_lines(diagnosis: xr.Dataset) -> Iterator[str]:
     """Describe a diagnosis: how far each quantity ranged as a table, then line by line."""
-    ranges, told = _range_table(diagnosis)
-    yield from ranges
+    table_lines, tabulated = _range_table(diagnosis)
+    yield from table_lines
     for name, variable in diagnosis.data_vars.items():
-        is_told = name in told or name in chaos.IN_WORDS
-        if not variable.dims and variable.attrs["role"] in (ROLE, "residual") and not is_told:
+        is_described = name in tabulated or name in chaos.IN_WORDS
+        if not variable.dims and variable.attrs["role"] in (ROLE, "residual") and not is_described:
             rule = f"{name}_rule"
             rule_text = (
                 f", {str(diagnosis[rule].attrs['flag_meanings']).split()[int(diagnosis[rule])]}"
@@ -374,21 +374,21 @@ def diagnosis_lines(diagnosis: xr.Dataset) -> Iterator[str]:
 
 
 def _range_table(diagnosis: xr.Dataset) -> tuple[list[str], set[str]]:
-    """Return band, drift, least and greatest value of each quantity, in columns; and the names of what is told there."""
+    """Return band, drift, least and greatest value of each quantity, in columns; and the names of what is tabulated there."""
     cells: dict[str, dict[str, str]] = {}
-    told: set[str] = set()
+    tabulated: set[str] = set()
     for name, (quantity, column) in _ranges(diagnosis):
         text = diagnosed(diagnosis, name)
-        told |= {name}
+        tabulated |= {name}
         time, rule = f"{name}_time", f"{name}_rule"
         if time in diagnosis:
             text += f" at {diagnosed(diagnosis, time)}"
-            told |= {time}
+            tabulated |= {time}
         if rule in diagnosis and str(diagnosis[rule].attrs["flag_meanings"]).split()[int(diagnosis[rule])] == SAMPLED:
             text += f", {SAMPLED}"
         cells.setdefault(quantity, {})[column] = text
     if not cells:
-        return [], told
+        return [], tabulated
     columns = [column for column in RANGES.values() if any(column in row for row in cells.values())]
     rows = [
         ["", *columns],
@@ -397,7 +397,7 @@ def _range_table(diagnosis: xr.Dataset) -> tuple[list[str], set[str]]:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ], told
+    ], tabulated
 
 
 def _ranges(diagnosis: xr.Dataset) -> Iterator[tuple[str, tuple[str, str]]]:
