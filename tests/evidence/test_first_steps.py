@@ -33,7 +33,7 @@ def expected(model: xd.Model) -> tuple[str, float]:
 FLOOR = {"floor": {"gap": "y", "restitution": "0.75"}}
 
 
-@pytest.mark.parametrize("y", ["1 mm", "1 m", "1 km"])
+@pytest.mark.parametrize("y", ["5 nm", "1 mm", "1 m", "1 km", "1 light_year", "1e9 light_year"])
 def test_free_fall_is_told_exactly(y: str) -> None:
     model = ball(y, "0 m s-1", contacts=FLOOR)
     height = initial_state(model)["y"]

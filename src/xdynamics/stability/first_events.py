@@ -16,7 +16,7 @@ from xdynamics.model.motion import constants, drive_pieces, motion_inputs, varia
 from xdynamics.schema import velocity
 
 MOST_FUNCTIONS = 64  # events and contacts that are looked at
-EARLIEST, LATEST, TRIED, HALVINGS = 1e-15, 1e12, 270, 30  # s; instants that are tried between them, then in a bracket
+EARLIEST, LATEST, TRIED, HALVINGS = 1e-15, 1e20, 350, 30  # s; instants that are tried between them, then in a bracket
 SIGNS = {"rising": (1.0,), "falling": (-1.0,), "either": (1.0, -1.0)}
 
 
