@@ -75,7 +75,7 @@ def test_kills_of_whole_processes(request: pytest.FixtureRequest) -> None:
     """Assert equal digests of three kinds of run, with --whole of six, each killed once or twice at random and resumed."""
     kinds = "6" if request.config.getoption("--whole") else "3"
     script = Path(__file__).parents[1] / "cases" / "killing.py"
-    environment = os.environ | {"NUMBA_NUM_THREADS": "1"}
+    environment = os.environ | {"NUMBA_NUM_THREADS": "1", "PYTHONPATH": str(script.parents[1])}
     done = subprocess.run(
         [sys.executable, script, "fork", kinds, "5"], capture_output=True, text=True, check=True, env=environment
     )
@@ -87,7 +87,7 @@ def test_kills_of_whole_processes(request: pytest.FixtureRequest) -> None:
 def test_kills_between_segments() -> None:
     """Assert equal digests and nothing left of runs that are killed with segments, while these become archives too."""
     script = Path(__file__).parents[1] / "cases" / "killing.py"
-    environment = os.environ | {"NUMBA_NUM_THREADS": "1"}
+    environment = os.environ | {"NUMBA_NUM_THREADS": "1", "PYTHONPATH": str(script.parents[1])}
     done = subprocess.run(
         [sys.executable, script, "aimed", "3"], capture_output=True, text=True, check=False, env=environment
     )

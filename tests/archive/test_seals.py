@@ -440,6 +440,23 @@ def test_an_edit_is_named(edit: str) -> None:
     assert fault in str(caught.value)
 
 
+@pytest.mark.parametrize("are_read", [False, True])
+@pytest.mark.parametrize(
+    ("name", "at", "value"), [("x", 4, 7.0), ("model_toml", (), "name = 'other'"), ("force_source", 0, "other")]
+)
+def test_values_written_into_an_opened_run_are_named(
+    tmp_path: Path, name: str, at: object, value: object, *, are_read: bool
+) -> None:
+    """Assert that numbers and texts which are overwritten where they stand, read before or not, are found."""
+    with xd.open_run(xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")) as run:
+        if are_read:
+            run.load()
+        run[name][at] = value
+        with pytest.raises(InputError, match=f"1. variable '{name}' is {value!r}"):
+            xd.save(run, tmp_path / "edited.nc")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.nc"]
+
+
 @pytest.mark.parametrize(
     "same",
     [

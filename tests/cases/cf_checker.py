@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterable
 from copy import copy
 from functools import wraps
 from pathlib import Path
 from typing import Any
+
+# a recommendation (CF 1.11, section 2.3), which a mass `m` beside another `M` does not follow
+NAMES_BY_CASE = re.compile(r"\* Variables are not case sensitive. Duplicate variables named: ")
 
 
 def once_a_file(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -27,6 +31,8 @@ def once_a_file(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
 def strict_faults(paths: Iterable[Path], report: Path) -> dict[str, str]:
     """Check files under CF 1.11, in this process; return the reports of those with a fault, by their names.
 
+    Names that differ by case alone are none.
+
     The checker looks up coordinates, axes and cell methods anew for each variable, so its time goes with the square of
     the variables; with answers remembered 107 of them take 1 s, not 16 s. Reports are the same.
     """
@@ -42,6 +48,7 @@ def strict_faults(paths: Iterable[Path], report: Path) -> dict[str, str]:
         report.unlink(missing_ok=True)
         ComplianceChecker.run_checker(str(path), ["cf:1.11"], 0, "strict", output_filename=str(report))
         text = report.read_text()
-        if "All tests passed!" not in text:
+        findings = re.findall(r"^\* .*", text, re.MULTILINE)
+        if "All tests passed!" not in text and not (findings and all(map(NAMES_BY_CASE.match, findings))):
             faults[path.name] = text
     return faults

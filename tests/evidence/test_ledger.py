@@ -161,7 +161,7 @@ DEFECTS = {
     ),
     "energy with half a mass": (
         "rk4",
-        "whole = Layout._energies; Layout._energies = lambda self: {k: multiply(Number(0.5), v) if k == 'kinetic_energy' else v for k, v in whole(self).items()}",
+        "whole = Layout._energies.function; Layout._energies = property(lambda self: {k: multiply(Number(0.5), v) if k == 'kinetic_energy' else v for k, v in whole(self).items()})",
         "linear_oscillator.kinetic_energy_at_the_start",
     ),
 }

@@ -509,6 +509,8 @@ def test_xarray_opens_a_folder_of_runs(tmp_path: Path) -> None:
         engine="netcdf4",
         combine="nested",
         concat_dim="step",
+        coords="minimal",
+        compat="override",
         parallel=False,
         preprocess=lambda run: run[["time", "y", "v_y"]],
         decode_times=False,

@@ -50,8 +50,6 @@ class OriginalVariable:
     attributes: Mapping[str, Any]
     variable: xr.Variable | None = None
     known_digest: str = ""
-    # the data of a variable of an opened archive, to notice that they were replaced
-    opened_data: Any = field(default=None, compare=False)
     # for lazy values: tests whether given values are their result, if that was noted
     unchanged: Unchanged | None = field(default=None, compare=False)
 
@@ -245,7 +243,6 @@ def remember_archive(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] 
             variable.attrs,
             variable=None if str(name) in stated else variable,
             known_digest=stated.get(str(name), ""),
-            opened_data=variable._data,  # noqa: SLF001
         )
     if stated:
         run.attrs[schema.DIGESTS] = digest_lines(stated)
@@ -521,8 +518,6 @@ def _is_unchanged(part: OriginalVariable, now: xr.Variable) -> bool:
     """Whether a variable has the marched or read values: its own array, or an array of equal digest."""
     if _is_array_of(part, now):
         return not (isinstance(now.data, np.ndarray) and now.data.flags.writeable)  # read-only since it was marched
-    if part.opened_data is not None and now._data is part.opened_data:  # noqa: SLF001 - as it was opened, read or not
-        return True
     return (part.unchanged is not None and part.unchanged(now)) or variable_digest(part.name, now) == part.digest
 
 
@@ -549,13 +544,18 @@ def _first_difference(now: xr.Variable, then: xr.Variable) -> str:
     """Describe the first number that differs, a slab at a time."""
     start = 0
     for mine, theirs in zip(slabs(now), slabs(then), strict=True):
-        differs = _bytes_of_rows(mine) != _bytes_of_rows(theirs)
+        differs = (
+            (mine != theirs).reshape(len(mine), -1)  # texts, which may be of other lengths
+            if mine.dtype.kind in "UOT"
+            else _bytes_of_rows(mine) != _bytes_of_rows(theirs)
+        )
         if differs.any():
             row, byte = (int(number) for number in np.unravel_index(int(differs.argmax()), differs.shape))
             size = differs.shape[1] // math.prod(mine.shape[1:])
             element_index = np.unravel_index(byte // size, mine.shape[1:])
             where = "".join(f", {dim} {number}" for dim, number in zip(now.dims[1:], element_index, strict=True))
-            return f"{_short_repr(mine[row][element_index])} in row {start + row}{where}, in the run {_short_repr(theirs[row][element_index])}"
+            values = [_short_repr(part[(row, *element_index)]) for part in (mine, theirs)]
+            return f"{values[0]} in row {start + row}{where}, in the run {values[1]}"
         start += len(mine)
     return f"of the type {now.dtype}, in the run {then.dtype}"
 

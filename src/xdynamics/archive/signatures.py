@@ -213,7 +213,8 @@ def _verified_digests(path: Place) -> dict[str, str]:
 
         bytes_of_all = compared_store(path).identity
     else:
-        bytes_of_all = bytes_digest(store.local_file(path).path)
+        local_file = store.local_file(path)  # a copy of an object is removed with what holds it
+        bytes_of_all = bytes_digest(local_file.path)
     with open_run(path, check=False) as run:
         circumstances = str(run.attrs[VOLATILE_DIGEST])
     digests = {"content": examination.digest, "circumstances": circumstances, "bytes": bytes_of_all}

@@ -122,7 +122,7 @@ def plot(
     )
     foot = "; ".join(filter(None, (page.foot_of(subject), omission_note)))
     if not drawn_panels:
-        raise InputError(f"'{title}' has nothing that is drawn of it; give it whole, as it was made")
+        raise InputError(_nothing_drawn(title))
     if ax is not None:
         with background_style(dark=dark):
             on_axes(ax, drawn_panels[0])
@@ -201,7 +201,14 @@ def _panels_of_page(
     if page is run.PAGE:
         return run.panels_and_omissions(record, **of_runs, beside=companions, **left_out)
     enclosed_runs = {"beside": companions} if page is comparison.TUBE_PAGE else {}
-    return page.panels_of(record, **enclosed_runs, **left_out), ""
+    try:
+        return page.panels_of(record, **enclosed_runs, **left_out), ""
+    except KeyError as error:  # of a part of it
+        raise InputError(_nothing_drawn(record.attrs.get("title"))) from error
+
+
+def _nothing_drawn(title: object) -> str:
+    return f"'{title}' has nothing that is drawn of it; give it whole, as it was made"
 
 
 def _check_axes(ax: Any, path: Any, size: Any) -> None:
