@@ -184,6 +184,7 @@ class _Closing:
         archive = self._one()
         if archive is not None:
             archive.close()
+        close_left()  # one that nothing reads any more, as all is in memory, was left to be closed
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _Closing, (self._one(),)
