@@ -115,7 +115,7 @@ def test_many_runs_count_alike() -> None:
         assert np.array_equal(alone.passed, beside.passed)
         assert alone.log_block.log.rows.tobytes() == beside.log_block.log.rows.tobytes()
         assert alone.passed[:, 0].tolist() == [int(v > 0) for v in starts.tolist()]
-    swept = xd.sweep(model, axes={"v_y": ["5 m s-1", "20 m s-1"]}, method="rk4", step=0.01, until=1.0)
+    swept = xd.sweep(model, axes={"v_y": ["5 m s-1", "20 m s-1"]}, method="rk4", step=0.01, until=1.0).compute()
     assert swept.smooth_switches_passed.values.tolist() == [1, 0]
     from xdynamics.sweeping.sweep_summary import sweep_lines
 
