@@ -889,8 +889,6 @@ FIRST_ORDER = {"step_below_spacing", "step_limit"}  # from rest in the middle of
 AS_THEY_ARE = {
     ("ball_that_bounces_to_rest", "forward_euler"): "each flight gains the speed of a step's fall: it never rests",
     ("ball_by_reset_through_its_zeno_time", "forward_euler"): "as before",
-    ("ball_by_reset_through_its_zeno_time", "euler_cromer"): "a sweep has no word for the warning of a run alone",
-    ("ball_by_reset_through_its_zeno_time", "heun"): "as before",
     ("ball_on_hunt_and_crossley", "forward_euler"): "12 % at steps for 4e-3",
     ("control_by_two_regimes", "euler_cromer"): "5 % at steps for 4e-3, by two hundred switches",
 }
@@ -1118,6 +1116,7 @@ def in_a_sweep(case: Everyday, method: str) -> Finding:
         dict.fromkeys(values, shares(case, method)[1]),
         outcome,
         f"{outcome} in the sweep",
+        "events strayed" if int(first.get("run_events_strayed", 0)) else "",
     )
 
 

@@ -613,3 +613,23 @@ def test_what_is_told_of_failed_members_is_nan() -> None:
     assert float(found.end_time[1]) == pytest.approx(0.1, rel=1e-3)
     assert "nan of 1 members" in "\n".join(sweep_lines(found))
     assert xd.member(found, k=10.0).attrs["run_outcome"] == str(found.run_outcome.values[1])
+
+
+def test_events_that_strayed_are_counted() -> None:
+    """Assert that members which fall through their floor say so, as runs alone are warned; and that others do not."""
+    ball = xd.Model(
+        name="a ball by a reset",
+        coordinates={"y": "m"},
+        parameters={"m": "1 kg", "g": "9.81 m s-2"},
+        mass={"y": "m"},
+        forces={"weight": {"y": "-m*g"}},
+        events={"floor": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-0.5*v_y"}}},
+        initial={"y": "1 m", "v_y": "0 m s-1"},
+    )
+    for method, strays in (("heun", [1, 0]), ("dop853", [0, 0])):
+        found = xd.sweep(ball, {"y": "1, 400 m"}, keep=["end"], method=method, rtol=4e-6, until=3.0).compute()
+        assert found.run_events_strayed.values.tolist() == strays
+        assert any("set the motion back" in line for line in sweep_lines(found)) == bool(any(strays))
+    with pytest.warns(xd.AccuracyWarning, match="'floor' set the motion back when errors of steps had carried it"):
+        alone = xd.simulate(ball, method="heun", rtol=4e-6, until=3.0)
+    assert alone.y.values[-1] < -1.0

@@ -312,13 +312,15 @@ def resets_passed_through(march: March, how: int) -> list[str]:
     return [f"'{detector.name}'" for detector, passes in passed if passes & how]
 
 
+STRAYED_REMEDY = "give a smaller rtol or step, a method of higher order, or write what bounces as [contacts]"
+
+
 def _reset_doubts(march: March) -> Iterator[str]:
     """Name the resets that turned a motion back which errors of steps had carried through zero: it may never return."""
     if names := resets_passed_through(march, STRAYS):
         yield (
             f"event {' and '.join(names)} set the motion back when errors of steps had carried it through zero by more than"
-            " time tolerances allow, and it need not come back from there; give a smaller rtol or step, a method of higher"
-            " order, or write what bounces as [contacts]"
+            f" time tolerances allow, and it need not come back from there; {STRAYED_REMEDY}"
         )
 
 

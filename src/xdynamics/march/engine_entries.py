@@ -28,6 +28,7 @@ from xdynamics.march.assembly.closed_links import recall_closed
 from xdynamics.march.assembly.phases import find_closed, go_on_with_links
 from xdynamics.march.calls import call_law, floats_at, march_by, run_at
 from xdynamics.march.contacts.phases import inform_forces, settle_contacts
+from xdynamics.march.events.departures import STRAYS
 from xdynamics.march.events.switch_sides import take_sides
 from xdynamics.march.force_evaluation import evaluate_forces, state_slope
 from xdynamics.march.implicit.newton import newton_step
@@ -259,7 +260,8 @@ def march_in_turn(
     largest : ndarray, shape (n, …)
         The largest absolute values, where steps are chosen; filled.
     passed : ndarray, shape (n, …)
-        Of each switch declared smooth its side at the end, how often it was passed, and when first; filled.
+        Of each switch declared smooth its side at the end, how often it was passed, and when first; then how many events
+        set the motion back when errors had carried it through zero; filled.
     first : int
         The run to begin with, or to go on with if it is already marching.
     keeps_rows : bool
@@ -289,7 +291,7 @@ def march_in_turn(
         ends[k] = run.now[0]
         for i in range(largest.shape[1]):
             largest[k, i] = run.largest[i]
-        keep_smooth_passages(run, passed, k)
+        keep_passages(run, passed, k)
     return int(starts.shape[0])
 
 
@@ -303,11 +305,14 @@ def keep_last(run: Run, lasts: Floats, k: int) -> None:
 
 
 @jit_separate
-def keep_smooth_passages(run: Run, passed: Floats, k: int) -> None:
-    """Copy the numbers of switches declared smooth, which are the end of the working memory."""
-    count = passed.shape[1]
+def keep_passages(run: Run, passed: Floats, k: int) -> None:
+    """Copy the numbers of switches declared smooth, the end of the working memory, and count the events that strayed."""
+    count, strayed = passed.shape[1] - 1, 0
     for i in range(count):
         passed[k, i] = run.w[run.w.shape[0] - count + i]
+    for i in range(run.departures.shape[0]):
+        strayed += int(run.departures[i].goes_on & STRAYS != 0)
+    passed[k, count] = strayed
 
 
 @jit_inline

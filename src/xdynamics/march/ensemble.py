@@ -53,6 +53,8 @@ class Runs:
         The largest absolute value of each coordinate, velocity and state, in internal units, where steps are chosen.
     passed : ndarray of int, shape (n, k)
         How often each switch declared smooth was passed, in the order of `layout.smooth`.
+    strayed : ndarray of int, shape (n,)
+        How many events set the motion back when errors of steps had carried it through zero.
     log_block : LogBlock
         Rows of the logs of all runs, one run after the other: all rows, or the last of each. Always all events.
     parameters : ndarray, shape (n, …)
@@ -68,6 +70,7 @@ class Runs:
     ends: NDArray[Any]
     largest: Floats
     passed: NDArray[np.int64]
+    strayed: NDArray[np.int64]
     log_block: LogBlock
     parameters: Floats
     first_event: NDArray[np.int64]
@@ -345,12 +348,14 @@ def _join_parts(
         np.hstack([piece.impulses for piece in pieces]),
         _concatenate_blocks([piece.closed for piece in pieces]),
     )
+    passed = np.concatenate([piece.passed for piece in parts]).astype(np.int64)
     return Runs(
         law.layout,
         settings.scales,
         ends,
         _concatenate_blocks([piece.largest for piece in parts], 0),
-        np.concatenate([piece.passed for piece in parts])[:, 1::3].astype(np.int64),
+        passed[:, 1:-1:3],
+        passed[:, -1],
         LogBlock(log, log.rows.shape[1], 0, len(log.events), 0),
         _concatenate_blocks([piece.parameters for piece in parts], 0),
         np.concatenate([[0], np.cumsum(ends["events"])]),

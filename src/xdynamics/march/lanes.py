@@ -21,7 +21,7 @@ from xdynamics.kernels.program import REGIME
 from xdynamics.march.calls import march_by, run_at, strode_by
 from xdynamics.march.contacts.delassus import list_holding
 from xdynamics.march.control import pass_node
-from xdynamics.march.engine_entries import begin_run, keep_last, keep_smooth_passages
+from xdynamics.march.engine_entries import begin_run, keep_last, keep_passages
 from xdynamics.march.force_evaluation import evaluate_forces, finite_state
 from xdynamics.march.implicit.radau import enter_step_memory, forget_step_memory, leave_step_memory
 from xdynamics.march.log import append_row, has_room
@@ -506,4 +506,4 @@ def store_run_results(run: Run, member: int, results: Any) -> None:
     ends[member] = run.now[0]
     for i in range(largest.shape[1]):
         largest[member, i] = run.largest[i]
-    keep_smooth_passages(run, passed, member)
+    keep_passages(run, passed, member)

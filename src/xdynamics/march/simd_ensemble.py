@@ -23,6 +23,7 @@ from xdynamics.kernels.machine import aligned_zeros, vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
 from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.equation_solvers import solver_of
+from xdynamics.march.events.departures import STRAYS
 from xdynamics.march.initial_run import addresses_of, floor_of, pose_run, widened
 from xdynamics.march.lanes import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
 from xdynamics.march.log import LOG_COUNTS, Log, Room, allocate, is_wide
@@ -47,7 +48,7 @@ class EnsemblePart:
     ends: NDArray[Any]
     lasts: Floats
     largest: Floats
-    passed: Floats  # of each switch declared smooth: its side at the end, how often it was passed, and when first
+    passed: Floats  # as for `engine_entries.march_in_turn`
     parameters: Floats
     logs: list[Log]
 
@@ -55,7 +56,7 @@ class EnsemblePart:
     def empty(cls, runs: int, law: Law, parameters: Floats) -> EnsemblePart:
         """Return room for a number of runs."""
         used, row, smooth = law.layout.used.size, law.layout.row.size, len(law.layout.smooth)
-        lasts, largest, passed = (np.zeros((runs, width)) for width in (row, used, 3 * smooth))
+        lasts, largest, passed = (np.zeros((runs, width)) for width in (row, used, 3 * smooth + 1))
         return cls(np.zeros(runs, NOW), lasts, largest, passed, parameters, [])
 
 
@@ -153,7 +154,8 @@ def march_watched(
                 part.logs[-1].closed[:1] -= block.log.base[0]["rows"]
         run = march.run  # another one, if it slides in the end
         part.ends[k], part.largest[k] = run.now[0], run.largest[: part.largest.shape[1]]
-        part.passed[k] = run.w[run.w.size - part.passed.shape[1] :]
+        part.passed[k, :-1] = run.w[run.w.size - part.passed.shape[1] + 1 :]
+        part.passed[k, -1] = np.count_nonzero(run.departures["goes_on"] & STRAYS) if run.departures.size else 0
     return part
 
 

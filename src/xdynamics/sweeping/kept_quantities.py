@@ -226,13 +226,14 @@ LARGEST, LEAST = "maximum_", "minimum_"
 DIAGNOSTIC, EVENT, COUNT = "diagnostic", "event", "effort"
 FLAGS = ("flag_values", "flag_meanings")
 OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY = "run_outcome", "run_digest", "run_uncontrolled", "run_stopped_by"
+STRAYED = "run_events_strayed"
 COUNT_FUNCTIONS: dict[str, ValueFunction] = {
     "run_accepted_steps": lambda runs: runs.runs.accepted,
     "run_rejected_trials": lambda runs: runs.runs.trials,
     "run_force_evaluations": lambda runs: runs.runs.evaluations,
 }  # as attributes of a record call them
 # what every sweep has of its members, whatever is kept
-ALWAYS = ("end_time", *COUNT_FUNCTIONS, OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY)
+ALWAYS = ("end_time", *COUNT_FUNCTIONS, OUTCOME, DIGEST, UNCONTROLLED, STRAYED, STOPPED_BY)
 
 
 @dataclass(frozen=True)

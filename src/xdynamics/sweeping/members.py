@@ -44,6 +44,7 @@ from xdynamics.sweeping.kept_quantities import (
     DIGEST,
     OUTCOME,
     STOPPED_BY,
+    STRAYED,
     UNCONTROLLED,
     Keeping,
     KeptVariable,
@@ -158,6 +159,8 @@ class Plan:
         ]
         if smooth_switches(self.grid.model):
             run_variables.append(_judgement_variable(schema.PASSED.name, _OF_PASSED, DIAGNOSTIC, _passed_counts, "i8"))
+        if any(event.action == "reset" for event in self.grid.model.elements.events.values()):
+            run_variables.append(_judgement_variable(STRAYED, _OF_STRAYED, DIAGNOSTIC, _strayed_counts, "i8"))
         run_variables.append(
             _judgement_variable(OUTCOME, "how the run ended", "outcome", _outcomes, f"U{LONGEST_WORD}")
         )
@@ -243,6 +246,12 @@ def _outcomes(runs: MemberRuns) -> Values:
 def _passed_counts(runs: MemberRuns) -> Values:
     """Count how often steps passed switches that are declared smooth."""
     counts: Values = runs.runs.passed.sum(axis=1)
+    return counts
+
+
+def _strayed_counts(runs: MemberRuns) -> Values:
+    """Count the events that set the motion back from beyond zero."""
+    counts: Values = runs.runs.strayed
     return counts
 
 
@@ -420,6 +429,10 @@ _OF_UNCONTROLLED = (
     " errors do to others is not in it: a member that is marched by itself is judged by both"
 )
 _OF_PASSED = "how often switches that are declared smooth were passed by a step, and not located"
+_OF_STRAYED = (
+    "how many events set the motion back when errors of steps had carried it through zero by more than time tolerances"
+    " allow, from where it need not come back"
+)
 _FILES = [
     _judgement_variable(
         FILE, "archive of the run, named by a digest of all that it is marched from", "file", _empty_texts, "U72"

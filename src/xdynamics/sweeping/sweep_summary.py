@@ -10,11 +10,12 @@ import numpy as np
 
 from xdynamics.evidence.grid_axes import AXIS, sweep_axis_names
 from xdynamics.evidence.stages import compute_datasets, is_lazy
+from xdynamics.march.accuracy_warnings import STRAYED_REMEDY
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.flag_words import words_of_flag
 from xdynamics.schema import PASSED
 from xdynamics.sweeping.collection import COMMENT, KEEP, settings_text
-from xdynamics.sweeping.kept_quantities import OUTCOME, UNCONTROLLED
+from xdynamics.sweeping.kept_quantities import OUTCOME, STRAYED, UNCONTROLLED
 from xdynamics.sweeping.members import end_descriptions
 from xdynamics.units.digits import known_part, short_number
 
@@ -54,6 +55,11 @@ def sweep_lines(sweep: xr.Dataset) -> list[str]:
             f"doubt     of {uncontrolled_count} members absolute tolerances may have let pass 3 % of a variable, if every step erred"
             " by as much as they allow (run_uncontrolled); one computed by itself is judged by the errors that it had."
             " Give smaller ones by atol"
+        )
+    if STRAYED in sweep and (count := int(np.count_nonzero(sweep[STRAYED].values))):
+        lines.append(
+            f"doubt     in {count} members events set the motion back when errors of steps had carried it through zero,"
+            f" and it need not come back from there ({STRAYED}); {STRAYED_REMEDY}"
         )
     if PASSED.name in sweep and (count := int(np.count_nonzero(sweep[PASSED.name].values))):
         lines.append(
