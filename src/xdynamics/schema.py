@@ -497,6 +497,7 @@ TEXTS = (
     Variable("model_toml", (DOCUMENT,), "U", "1", "the whole model as TOML", "model"),
     Variable("force_source", (DOCUMENT,), "U", "1", "generated source of the compiled march, and the source of Python forces", "model"),
 )  # fmt: skip
+REAL_PART, IMAGINARY_PART = "_real", "_imag"  # ends of the names of a complex number's parts
 GIVEN, MEMORY, SMOOTH_SWITCH = "given", "memory", "smooth_switch"
 GIVEN_STEP = Variable(
     "given_step_size", (GIVEN,), "f8", SECONDS.text, "steps that the march was told to make", "step_size"

@@ -18,6 +18,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from cases.problems import MODELS
 from xdynamics.cli import main
 from xdynamics.documenting.guide import guide
 from xdynamics.documenting.manual import manual_text
@@ -445,7 +446,9 @@ def names(certificate: Any, tmp_path_factory: pytest.TempPathFactory) -> set[str
         xd.diagnose(run),
         xd.compare(run, run),
     ]
-    every += [xd.sweep(ball(), {"g": "9:10:2 m s-2"}), xd.validate(["midpoint"])]
+    staged = xd.Model.from_toml(MODELS / "staged_rocket.toml")  # with a reset
+    every += [xd.sweep(model, {"g": "9:10:2 m s-2"}) for model in (ball(), staged)]
+    every += [xd.validate(["midpoint"])]
     found: set[str] = set()
     for record in every:
         found |= {*map(str, record.variables), *map(str, record.dims), *map(str, record.attrs)}

@@ -137,3 +137,36 @@ def test_a_reader_that_crashes_or_lasts_is_no_end_of_this_process(
     monkeypatch.setattr(file_access.sys, "executable", "/bin/false")
     with pytest.raises(xd.ModelError, match="takes too much time or memory, or it is damaged"):
         drive(tmp_path, "a.parquet")
+
+
+def test_what_is_no_table_says_the_way(tmp_path: Path) -> None:
+    """Assert the line to write for JSON and Zarr, and that units which arrays carry are taken."""
+    measured = xr.Dataset({"F": ("t", [0.0, 5.0, 4.0], {"units": "N"})}, {"t": ("t", [0.0, 0.1, 1.0], {"units": "s"})})
+    measured.to_zarr(tmp_path / "pull.zarr", zarr_format=2)
+    (tmp_path / "pull.json").write_text('{"t [s]": [0, 1], "F [N]": [1, 2]}')
+    for name, said in (
+        ("pull.json", r'pandas.read_json\("pull.json"\)'),
+        ("pull.zarr", r'xarray.open_zarr\("pull.zarr"\)'),
+    ):
+        with pytest.raises(xd.ModelError, match=said):
+            pulled(table=str(tmp_path / name))
+    pytest.importorskip("pint_xarray")
+    import pint_xarray  # noqa: F401 - the accessor
+
+    assert np.array_equal(
+        xd.simulate(pulled(table=measured.pint.quantify()), method="rk4", step="10 ms", until="0.2 s").x,
+        xd.simulate(pulled(table=measured), method="rk4", step="10 ms", until="0.2 s").x,
+    )
+
+
+def pulled(**drive: Any) -> xd.Model:
+    """A block that a measured force pulls."""
+    return xd.Model(
+        name="pulled",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        drives={"F": drive},
+        forces={"pull": {"x": "F"}},
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+    )

@@ -214,7 +214,7 @@ def test_stiff_methods_of_scipy_are_taken_by_radau(method: str) -> None:
         ({"fun": lambda t, y: [float("nan")]}, "makes nan, needs finite numbers"),
         ({"fun": lambda t, y: None}, "returns nothing; it has to return rates, 1 of them"),
         ({"fun": 5}, "fun is 5, needs a function"),
-        ({"y0": [1j]}, "needs a real number"),
+        ({"y0": [1j, "2 m"]}, "needs a real number"),
         ({"y0": ["1 kg"], "units": ["m"]}, "y0.0. is '1 kg', and its unit 'm'"),
         ({"units": ["m", "s"]}, "units are 2, and y0 has 1"),
         ({"names": ["a", "b"]}, "names are 2, and y0 has 1"),

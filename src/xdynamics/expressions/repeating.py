@@ -61,8 +61,9 @@ def check_unwritten(function_name: str, argument_before: Any, argument_after: An
 
 
 def _are_equal_floats(first: Any, second: Any) -> bool:
-    """Whether two numbers are equal, or none is a number."""
-    return isinstance(first, float) and isinstance(second, float) and (first == second or first != first)
+    """Whether two numbers, complex ones perhaps, are equal, or none is a number."""
+    plain = isinstance(first, float | complex) and isinstance(second, float | complex)
+    return plain and (first == second or first != first)
 
 
 def check_repeats(function_name: str, words: Sequence[str], first: Sequence[Node], second: Sequence[Node]) -> None:

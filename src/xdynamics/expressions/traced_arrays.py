@@ -15,11 +15,14 @@ from xdynamics.expressions.element_folding import folded_terms
 from xdynamics.expressions.tracing import (
     REMEDY,
     Traced,
+    TracedComplex,
     WholeNumberError,
     apply_elementwise,
+    are_real,
     called,
     choice,
     node_of,
+    parts,
     trace_rounding,
     traced_name,
 )
@@ -97,6 +100,16 @@ class TracedArray(np.ndarray[Any, Any]):
         """Return the smallest number along an axis."""
         return _reduced(np.minimum, self, axis, **options)
 
+    @property  # type: ignore[misc]
+    def real(self) -> Any:
+        """The real parts."""
+        return _map_elements(lambda value: parts(value)[0], self)
+
+    @property  # type: ignore[misc]
+    def imag(self) -> Any:
+        """The imaginary parts."""
+        return _map_elements(lambda value: parts(value)[1], self)
+
     def clip(self, low: Any = None, high: Any = None, **_: Any) -> Any:  # type: ignore[override]
         """Return the numbers, limited."""
         return _clipped(self, low, high)
@@ -108,7 +121,7 @@ class TracedArray(np.ndarray[Any, Any]):
 
 def array_of(values: Any) -> Any:
     """Return an array of numbers, some of them perhaps traced; a number as it is."""
-    if isinstance(values, Traced | int | float):
+    if isinstance(values, Traced | TracedComplex | int | float):
         return values
     array = np.asarray(values, object)
     return array.view(TracedArray) if array.shape else array[()]
@@ -117,8 +130,8 @@ def array_of(values: Any) -> Any:
 def is_traced(value: Any) -> bool:
     """Whether a value is traced, or holds something that is."""
     if isinstance(value, np.ndarray):
-        return value.dtype == object and any(isinstance(entry, Traced) for entry in value.flat)
-    return isinstance(value, Traced) or (isinstance(value, list | tuple) and any(map(is_traced, value)))
+        return value.dtype == object and any(isinstance(entry, Traced | TracedComplex) for entry in value.flat)
+    return isinstance(value, Traced | TracedComplex) or (isinstance(value, list | tuple) and any(map(is_traced, value)))
 
 
 def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
@@ -385,6 +398,11 @@ def _joined_terms(ufunc: Any, terms: list[Any]) -> Any:
 def _matrix_product(left: Any, right: Any) -> Any:
     """Return a product of matrices, of which those without many zeros are sums along a dimension."""
     a, b = (np.asarray(value, object) for value in (left, right))
+    if not (are_real(*a.flat) and are_real(*b.flat)):
+        (a_real, a_imag), (b_real, b_imag) = ((array_of(each).real, array_of(each).imag) for each in (a, b))
+        real_part = _matrix_product(a_real, b_real) - _matrix_product(a_imag, b_imag)
+        imaginary_part = _matrix_product(a_real, b_imag) + _matrix_product(a_imag, b_real)
+        return apply_elementwise("add", [real_part, apply_elementwise("multiply", [1j, imaginary_part])])
     numeric_operands = [np.asarray(value, float) for value in (a, b) if not is_traced(value)]
     is_sparse = any(np.count_nonzero(numbers) <= numbers.size / 2 for numbers in numeric_operands)
     if is_sparse or a.ndim > 2 or b.ndim > 2 or not a.ndim or not b.ndim or a.shape[-1] != b.shape[0]:
@@ -425,7 +443,8 @@ def _norm(values: Any, ord: Any = None, axis: Any = None, keepdims: bool = False
     if ord not in (None, 2):
         raise InputError(f"the function calls numpy.linalg.norm with ord = {ord!r}; sums and numpy.abs say it too")
     array = np.asarray(values, object)
-    squares = _reduced(np.add, array_of(apply_elementwise("multiply", [array, array])), axis, keepdims=keepdims)
+    sizes = array if are_real(*array.flat) else apply_elementwise("absolute", [array])
+    squares = _reduced(np.add, array_of(apply_elementwise("multiply", [sizes, sizes])), axis, keepdims=keepdims)
     return array_of(apply_elementwise("sqrt", [squares]))
 
 

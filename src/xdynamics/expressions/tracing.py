@@ -16,11 +16,11 @@ from contextvars import ContextVar
 from math import isfinite
 from pathlib import Path
 from traceback import extract_tb
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.scipy_remedies import scipy_remedy, special_remedy
 from xdynamics.expressions.tree import (
     FUNCTIONS,
     Binary,
@@ -41,82 +41,16 @@ from xdynamics.faults import InputError
 
 # numpy's name of a function -> ours
 NAMED = {
-    "sin": "sin",
-    "cos": "cos",
-    "tan": "tan",
-    "arcsin": "asin",
-    "arccos": "acos",
-    "arctan": "atan",
-    "arctan2": "atan2",
-    "sinh": "sinh",
-    "cosh": "cosh",
-    "tanh": "tanh",
-    "exp": "exp",
-    "log": "log",
-    "sqrt": "sqrt",
-    "absolute": "abs",
-    "fabs": "abs",
-    "sign": "sign",
-    "hypot": "hypot",
-    "maximum": "max",
-    "minimum": "min",
-    "fmax": "max",
-    "fmin": "min",
-    "floor": "floor",
-    "ceil": "ceil",
+    **{word: word for word in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "sign", "hypot")},
+    **{word: word for word in ("floor", "ceil", "mod")},
+    **{f"arc{word}": f"a{word}" for word in ("sin", "cos", "tan", "tan2")},
+    **dict.fromkeys(("absolute", "fabs"), "abs"),
+    **dict.fromkeys(("maximum", "fmax"), "max"),
+    **dict.fromkeys(("minimum", "fmin"), "min"),
     "rint": "round",
     "remainder": "mod",
-    "mod": "mod",
 }
 COMPARED = {"greater": ">", "greater_equal": ">=", "less": "<", "less_equal": "<=", "equal": "==", "not_equal": "!="}
-
-
-SCIPY = "scipy"
-TABULATED = (
-    "before the run tabulate it over what it depends on, x = np.linspace(...), and write np.interp(y[0], x, table)"
-)
-REMEDIES = {
-    "integrate": (
-        "makes an integral at every step; let the integral be a state of its own, whose rate is what is integrated"
-        f" (dI/dt = g(y)*dy/dt), or {TABULATED}"
-    ),
-    "optimize": (
-        "solves an equation at every step; let its unknown z be a state of its own, dz/dt = -(dg/dy*dy/dt)/(dg/dz) for"
-        f" g(y, z) = 0, with its solution at the start; or {TABULATED}"
-    ),
-    "interpolate": "looks up a table; write numpy.interp(t, x, y) in the place of an interpolator of scipy",
-    "special": f"is no function of the language of expressions; {TABULATED}",
-    "linalg": "is no function of the language of expressions; write np.linalg.solve for six unknowns at most, or @",
-}
-OTHER = f"takes numbers, which are not known yet; {TABULATED}"
-
-
-def scipy_remedy(trace: TracebackType | None) -> str:
-    """Return which scipy function an error came from, and its replacement; empty if from none.
-
-    Parameters
-    ----------
-    trace : traceback
-        Of the error.
-    """
-    while trace is not None:
-        module = str(trace.tb_frame.f_globals.get("__name__", ""))
-        if module.partition(".")[0] == SCIPY:
-            return _remedy_of_call(module, trace.tb_frame.f_code.co_qualname)
-        trace = trace.tb_next
-    return ""
-
-
-def _remedy_of_call(module: str, function: str) -> str:
-    package = module.split(".")[1] if "." in module else ""
-    public = function.removesuffix(".__call__").removesuffix(".__init__").rpartition(".<locals>.")[2]
-    name = ".".join([SCIPY, *(part for part in (package, public) if part and not part.startswith("_"))])
-    return f"the function calls {name}, which {REMEDIES.get(package, OTHER)}"
-
-
-def special_remedy(name: str) -> str:
-    """Return how to replace a function of scipy.special, which works element by element."""
-    return f"the function calls {SCIPY}.special.{name}, which {REMEDIES['special']}"
 
 
 def real(values: Any) -> Any:
@@ -412,6 +346,8 @@ def _traced_value(value: Any) -> Traced:
         return value
     if isinstance(value, np.ndarray) and value.shape == ():
         return _traced_value(value.item())
+    if isinstance(value, TracedComplex):
+        raise InputError("the function makes complex numbers of real ones; begin with complex ones, y0 + 0j")
     value = real(value)
     try:
         number = float(value)
@@ -436,10 +372,23 @@ def _junction(word: str, left: Any, right: Any) -> Any:
     return Traced(junction(word, first.node, second.node), first.nodes + second.nodes + 6)
 
 
+OPERATIONS = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide"}
+
+
+def are_real(*values: Any) -> bool:
+    """Whether no number has an imaginary part."""
+    return not any(
+        isinstance(value, TracedComplex) or (isinstance(value, complex | np.complexfloating) and value.imag != 0.0)
+        for value in values
+    )
+
+
 def _trace_operation(operator: str, left: Any, right: Any) -> Any:
     # left to numpy, which goes through the elements
     if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
+    if not are_real(left, right):
+        return applied(OPERATIONS[operator], (left, right))
     first, second = _traced_number(left), _traced_number(right)
     if operator == "*" and Number(0.0) in (first.node, second.node):  # a sparse matrix times a vector
         return Traced(Number(0.0))
@@ -578,6 +527,8 @@ def applied(ufunc: str, arguments: Sequence[Any]) -> Any:
     InputError
         If the language has none for it.
     """
+    if not are_real(*arguments):
+        return applied_to_complex(ufunc, arguments)
     if ufunc in _OPERATORS:
         return _OPERATORS[ufunc](*arguments)
     if ufunc in COMPARED:
@@ -599,3 +550,150 @@ def _add_numpy_methods() -> None:
 
 
 _add_numpy_methods()
+
+
+APART = "write real and imaginary parts apart"
+
+
+class TracedComplex:
+    """An unknown complex number: what is done to it is done to its parts, `real` and `imag`, traced numbers or plain ones."""
+
+    def __init__(self, real: Any, imag: Any) -> None:
+        self.real, self.imag = real, imag
+
+    def __add__(self, operand: Any) -> Any:
+        return _operated("add", self, operand)
+
+    def __radd__(self, operand: Any) -> Any:
+        return _operated("add", operand, self)
+
+    def __sub__(self, operand: Any) -> Any:
+        return _operated("subtract", self, operand)
+
+    def __rsub__(self, operand: Any) -> Any:
+        return _operated("subtract", operand, self)
+
+    def __mul__(self, operand: Any) -> Any:
+        return _operated("multiply", self, operand)
+
+    def __rmul__(self, operand: Any) -> Any:
+        return _operated("multiply", operand, self)
+
+    def __truediv__(self, operand: Any) -> Any:
+        return _operated("divide", self, operand)
+
+    def __rtruediv__(self, operand: Any) -> Any:
+        return _operated("divide", operand, self)
+
+    def __pow__(self, exponent: Any) -> Any:
+        return _operated("power", self, exponent)
+
+    def __neg__(self) -> TracedComplex:
+        return TracedComplex(-self.real, -self.imag)
+
+    def __pos__(self) -> TracedComplex:
+        return self
+
+    def __abs__(self) -> Traced:
+        return called("sqrt", _squared_size(self))
+
+    def conjugate(self) -> TracedComplex:
+        """Return the number with its imaginary part negated."""
+        return TracedComplex(self.real, -self.imag)
+
+    conj = conjugate
+
+    def __float__(self) -> float:
+        raise InputError(f"the function takes a real number of a complex one, as float() does; {APART}")
+
+    __bool__ = __int__ = __complex__ = __float__
+
+    def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **_: Any) -> Any:
+        """Apply a function of numpy element by element."""
+        return apply_elementwise(ufunc.__name__, inputs) if how == "__call__" else NotImplemented
+
+
+def parts(value: Any) -> tuple[Any, Any]:
+    """Return the real and the imaginary part of a number, traced or not."""
+    return (value.real, value.imag) if isinstance(value, TracedComplex | complex | np.complexfloating) else (value, 0.0)
+
+
+def applied_to_complex(ufunc: str, arguments: Sequence[Any]) -> Any:
+    """Trace a function of numpy, by its name, of single numbers of which one is complex.
+
+    Raises
+    ------
+    InputError
+        If there is no rule for it.
+    """
+    if ufunc not in _RULES:
+        raise InputError(f"the function calls numpy.{ufunc} of complex numbers, which is not traced; {APART}")
+    return _RULES[ufunc](*arguments)
+
+
+def _operated(ufunc: str, left: Any, right: Any) -> Any:
+    return (
+        NotImplemented if isinstance(left, np.ndarray) or isinstance(right, np.ndarray) else _RULES[ufunc](left, right)
+    )
+
+
+def _squared_size(x: Any) -> Any:
+    real, imag = parts(x)
+    return real * real + imag * imag
+
+
+def _product(x: Any, y: Any) -> TracedComplex:
+    (a, b), (c, d) = parts(x), parts(y)
+    return TracedComplex(a * c - b * d, a * d + b * c)
+
+
+def _quotient(x: Any, y: Any) -> TracedComplex:
+    (a, b), (c, d) = parts(x), parts(y)
+    if isinstance(d, float) and d == 0.0:
+        return TracedComplex(a / c, b / c)
+    size = _squared_size(y)
+    return TracedComplex((a * c + b * d) / size, (b * c - a * d) / size)
+
+
+def _power(x: Any, exponent: Any) -> Any:
+    if (
+        isinstance(exponent, Traced | TracedComplex)
+        or exponent != int(exponent)
+        or not 0 < exponent <= LARGEST_EXPONENT
+    ):
+        raise InputError(
+            f"the function raises a complex number to the power {exponent}, needs a whole one from 1 to"
+            f" {LARGEST_EXPONENT}; {APART}"
+        )
+    result = x
+    for _ in range(int(exponent) - 1):
+        result = _product(result, x)
+    return result
+
+
+def _each_part(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], TracedComplex]:
+    return lambda x, y: TracedComplex(*map(operation, parts(x), parts(y)))
+
+
+def _exponential(x: Any) -> TracedComplex:
+    real, imag = parts(x)
+    size = called("exp", real)
+    return TracedComplex(size * called("cos", imag), size * called("sin", imag))
+
+
+_RULES: dict[str, Callable[..., Any]] = {
+    "add": _each_part(lambda x, y: x + y),
+    "subtract": _each_part(lambda x, y: x - y),
+    "multiply": _product,
+    "divide": _quotient,
+    "power": _power,
+    "square": lambda x: _product(x, x),
+    "negative": lambda x: -x,
+    "positive": lambda x: x,
+    "conjugate": lambda x: TracedComplex(parts(x)[0], -parts(x)[1]),
+    "absolute": abs,
+    "reciprocal": lambda x: _quotient(1.0, x),
+    "exp": _exponential,
+    "sin": lambda x: (_exponential(1j * x) - _exponential(-1j * x)) / 2j,
+    "cos": lambda x: (_exponential(1j * x) + _exponential(-1j * x)) / 2.0,
+}

@@ -16,9 +16,10 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.named_rows import rows_of_events
-from xdynamics.schema import AT, EVENTS, INTEGRATED, STEPS
+from xdynamics.schema import AT, EVENTS, IMAGINARY_PART, INTEGRATED, REAL_PART, STEPS
 
 Floats = NDArray[np.float64]
+AFTER = "after_"  # of states after events, beside states at chosen times
 COMPLETED, STOPPED, FAILED = 0, 1, -1
 OUTCOMES = {"completed": COMPLETED, "stopped_by_event": STOPPED}
 SPACINGS = 16.0  # of the span's largest time, up to which a time beyond an end is that end
@@ -36,7 +37,7 @@ class Solution:
     t : ndarray, shape (k,), s
         Times of the accepted states; of two states at an impact the later one is kept.
     y : ndarray, shape (n, k)
-        Coordinates, velocities and states, each elements after one another.
+        Coordinates, velocities and states, each elements after one another; complex if y0 was.
     sol : callable
         ``sol(t)`` is the state at any times within the run, shape (n,) or (n, k).
     t_events, y_events : list of ndarray
@@ -113,16 +114,27 @@ def solution(run: xr.Dataset) -> Solution:
     t_events, y_events = _events_by_detector(run, y if row_dim == STEPS else None, names)
     sol = partial(_states_between, run, names) if row_dim == STEPS else _not_between
     outcome, message = str(run.attrs.get("run_outcome", "completed")), str(run.attrs.get("run_outcome_text", ""))
-    elements = [label for name in names for label in _element_labels(run, name)]
+    elements = _complex_names(names) or [label for name in names for label in _element_labels(run, name)]
     counts = (int(run.attrs.get(f"run_{name}", 0)) for name in EVALUATIONS)
     return Solution(
         t[last], y[:, last], sol, t_events, y_events, OUTCOMES.get(outcome, FAILED), message, tuple(elements), *counts
     )
 
 
-def _state_rows(states: xr.Dataset, names: list[str]) -> Floats:
-    """Return quantities as rows, those with dimensions flattened."""
-    return np.concatenate([flattened_rows(np.asarray(states[name].values, float)).T for name in names])
+def _state_rows(states: xr.Dataset, names: list[str]) -> NDArray[Any]:
+    """Return quantities as rows, those with dimensions flattened; of the parts of complex numbers these."""
+    rows = np.concatenate([flattened_rows(np.asarray(states[name].values, float)).T for name in names])
+    half = len(_complex_names(names))
+    return rows[:half] + 1j * rows[half:] if half else rows
+
+
+def _complex_names(names: list[str]) -> list[str]:
+    """Return what complex numbers are called whose real parts stand before their imaginary parts; none of real numbers."""
+    words = [name.removesuffix(REAL_PART) for name in names[: len(names) // 2]]
+    paired = [word + part for part in (REAL_PART, IMAGINARY_PART) for word in words] == [
+        name.removeprefix(AFTER) for name in names
+    ]
+    return words if paired else []
 
 
 def _element_labels(run: xr.Dataset, name: str) -> list[str]:
@@ -140,7 +152,7 @@ def _events_by_detector(run: xr.Dataset, y: Floats | None, names: list[str]) -> 
     event_labels = np.array(words_of_flag(run["event_detector"]) if run.sizes.get(EVENTS, 0) else [], dtype=str)
     indices_by_label = [np.flatnonzero(event_labels == label) for label in labels]
     states_after = (
-        _state_rows(run, [f"after_{name}" for name in names])
+        _state_rows(run, [f"{AFTER}{name}" for name in names])
         if y is None
         else y[:, rows_of_events(run, "after", np.arange(event_labels.size))]
     )

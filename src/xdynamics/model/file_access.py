@@ -145,6 +145,8 @@ _ROW = re.compile(rb"<(?:[A-Za-z0-9_]+:)?row\b")
 WORKBOOK = ".xlsx"
 NETCDF, HDF5 = (".nc", ".nc4", ".cdf", ".netcdf"), (".h5", ".hdf5")
 BY_LIBRARIES = (*NETCDF, *HDF5, ".parquet", ".feather", ".mat")  # which are read by a process of their own
+ZARR_METADATA = ("zarr.json", ".zgroup")
+OF_MANY_LAYOUTS = (".json", ".jsonl", ".ndjson")
 MOST_ROWS_READ, REFUSED, PATIENCE = 2_000_000, 3, 120.0  # rows; exit code of what is no table; s
 
 # a file's own folder and below; any file; no file, as the tables are part of the text
@@ -191,6 +193,7 @@ class FileAccess:
             path = self._below(name)
         try:
             content = read_bounded(path, LARGEST_TABLE, "; leave out rows, or columns that are not read")
+            _refuse_many_layouts(path)
             if path.suffix.lower() in BY_LIBRARIES:
                 return _text_by_library(path)
             return text_of_workbook(content) if path.suffix.lower() == WORKBOOK else _text_of_table(content)
@@ -203,6 +206,8 @@ class FileAccess:
             ) from None
         except (OSError, ValueError) as error:  # ValueError: bytes that are not text, or a name with a null
             why = reason(error, path) if isinstance(error, OSError) else "it is no UTF-8 text (save it so, as CSV)"
+            if any((path / name).is_file() for name in ZARR_METADATA):
+                why = f'it is a Zarr store; save it as netCDF, or give it in Python: xarray.open_zarr("{path.name}")'
         raise InputError(f"table {str(self.folder / name)!r} cannot be read: {why}")
 
     def _below(self, name: str) -> Path:
@@ -226,6 +231,14 @@ class FileAccess:
                 f"table {name!r} is out of reach: a link leads out of the model file's own folder; {remedy}"
             )
         return path
+
+
+def _refuse_many_layouts(path: Path) -> None:
+    if path.suffix.lower() in OF_MANY_LAYOUTS:
+        raise InputError(
+            "it is JSON, of which each program writes another; save it as CSV, or give it in Python:"
+            f' pandas.read_json("{path.name}").set_index("t [s]")'
+        )
 
 
 MOST_ENTRIES = 10_000  # keys and headers of a text, or entries of a section; a thousand bodies have some 6,000

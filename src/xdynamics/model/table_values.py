@@ -72,6 +72,8 @@ def columns_of_frame(table: Any) -> dict[str, Any]:
 def _columns_of_array(owner: str, table: Any) -> dict[str, Any]:
     """Return the columns of a DataArray, or of a Dataset: the coordinate, then the variables along it that have units."""
     is_dataset = hasattr(table, "data_vars")
+    if hasattr(table, "pint"):  # pint-xarray is loaded: units that arrays carry become attributes
+        table = table.pint.dequantify()
     if not is_dataset and len(table.dims) != 1:
         raise InputError(f"table has the dims {table.dims}, needs one, along which it was measured")
     arrays = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import warn
@@ -12,15 +12,16 @@ from warnings import warn
 import numpy as np
 
 from xdynamics.expressions import text_of
-from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers
+from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers, check_unwritten
 from xdynamics.expressions.substitution import Substitution, table_values
 from xdynamics.expressions.traced_arrays import array_of
-from xdynamics.expressions.tracing import Traced, node_of, traced_name
+from xdynamics.expressions.tracing import Traced, TracedComplex, node_of, parts, traced_name
 from xdynamics.faults import InputError
 from xdynamics.keywords import keyword_hint
 from xdynamics.march.configuration import DEFAULT_RTOL, settings_for
 from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model
+from xdynamics.schema import IMAGINARY_PART, REAL_PART
 from xdynamics.simulation.array_models import (
     Floats,
     RightSide,
@@ -80,8 +81,9 @@ def solve(
         is refused: it is called twice with names, and with numbers at two states.
     t_span : pair of float, s, or str
         First and last time.
-    y0 : array_like of float or str, shape (n,)
-        Initial values, in `units`; or quantities like ``"20 m s-1"``.
+    y0 : array_like of float, complex or str, shape (n,)
+        Initial values, in `units`; or quantities like ``"20 m s-1"``. Of complex numbers real and imaginary parts are
+        states of their own, ``y0_real`` and ``y0_imag``, and those of ``solution`` are complex again.
     method : str
         Any of xdynamics, or scipy's RK45, RK23, DOP853, Radau; for BDF and LSODA radau_iia is taken, with a warning.
     t_eval : array_like of float or str, optional
@@ -133,12 +135,12 @@ def solve(
         settings["rtol"] = DEFAULT_RTOL  # scipy's solvers choose their steps, whatever the first is
     model = model_of_function(fun, t_span, y0, args, events, names, units)
     if not isinstance(settings.get("atol", 0.0), str | int | float | Mapping) and settings["atol"] is not None:
-        tolerances = [float(number) for number in settings["atol"]]
-        if len(tolerances) != len(model.elements.statement.states):
-            raise InputError(
-                f"atol has {len(tolerances)} numbers, and y0 {len(model.elements.statement.states)}; give one, or one for each"
-            )
-        settings["atol"] = dict(zip(model.elements.statement.states, tolerances, strict=True))
+        names_of_parts = [*model.elements.statement.states]
+        tolerances, size = [float(number) for number in settings["atol"]], np.size(y0)
+        if len(tolerances) != size:
+            raise InputError(f"atol has {len(tolerances)} numbers, and y0 {size}; give one, or one for each")
+        # of a complex number, real and imaginary part alike
+        settings["atol"] = dict(zip(names_of_parts, tolerances * (len(names_of_parts) // size), strict=True))
     settings |= {"method": _method_name(method), "until": t_span[1] if isinstance(t_span[1], str) else float(t_span[1])}
     if t_eval is None or not model.events:
         return simulate(model, times=t_eval, path=path, **settings)
@@ -163,8 +165,11 @@ def model_of_function(fun: RightSide, t_span: Any, y0: Any, args: Any, events: A
         raise InputError(f"t_span has {len(tuple(t_span))} times, needs two, the first and the last")
     check_span(t_span)
     check_order(fun)
-    starts, unit_texts = read_starts(y0, units)
     functions = [fun, *event_functions(events)]
+    if np.iscomplexobj(y0):
+        functions = [_rates_of_parts(fun), *map(_of_parts, functions[1:])]
+        y0, names, units = _parts_of_starts(y0, names, units)
+    starts, unit_texts = read_starts(y0, units)
     sections = None
     if isinstance(names, str) or (names is None and len(starts) > MOST_NAMED):
         sections = array_sections(functions, names, starts, unit_texts, t_span, args)
@@ -173,6 +178,55 @@ def model_of_function(fun: RightSide, t_span: Any, y0: Any, args: Any, events: A
         sections = named_sections(functions, names, starts, unit_texts, t_span, args)
     sections["initial"]["t"] = t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"
     return Model(name=function_name(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], **sections)
+
+
+def _parts_of_starts(y0: Any, names: Any, units: Any) -> tuple[Floats, list[str], list[str] | None]:
+    """Return real and then imaginary parts of complex initial values, with their names and units."""
+    starts = np.atleast_1d(np.asarray(y0))
+    if starts.ndim > 1:
+        raise InputError(
+            f"y0 has shape {starts.shape}, needs one axis; give y0.ravel(), and fun reshapes it: y.reshape(…)"
+        )
+    words = [names] if isinstance(names, str) else [f"y{i}" for i in range(len(starts))] if names is None else [*names]
+    if len(words) != len(starts):
+        raise InputError(f"names are {len(words)}, and y0 has {len(starts)} numbers")
+    part_units = None if units is None else 2 * ([units] * len(starts) if isinstance(units, str) else [*units])
+    part_names = [word + part for part in (REAL_PART, IMAGINARY_PART) for word in words]
+    return np.concatenate([starts.real, starts.imag]), part_names, part_units
+
+
+def _of_parts(function: RightSide) -> RightSide:
+    """Return a function of complex numbers as one of their real and then their imaginary parts."""
+
+    @wraps(function)
+    def of_parts(t: Any, y: Any, *arguments: Any) -> Any:
+        real_parts, imaginary_parts = np.split(y, 2)
+        numbers = y.dtype == object
+        z = (
+            array_of([*map(TracedComplex, real_parts, imaginary_parts)])
+            if numbers
+            else real_parts + 1j * imaginary_parts
+        )
+        before = z.copy()
+        result = function(t, z, *arguments)
+        check_unwritten(function_name(function), before, z)
+        return result
+
+    return of_parts
+
+
+def _rates_of_parts(function: RightSide) -> RightSide:
+    """Return a right-hand side of complex numbers as one of their real and then their imaginary parts."""
+    rates = _of_parts(function)
+
+    @wraps(function)
+    def rates_of_parts(t: Any, y: Any, *arguments: Any) -> Any:
+        pairs = [*map(parts, np.asarray(rates(t, y, *arguments), object).flat)]
+        if 2 * len(pairs) != len(y):
+            raise InputError(f"{function_name(function)} returns {len(pairs)} rates, and y0 has {len(y) // 2} numbers")
+        return [pair[k] for k in (0, 1) for pair in pairs]
+
+    return rates_of_parts
 
 
 def named_sections(
