@@ -112,6 +112,12 @@ def written(t: Any, z: Any) -> Any:
         (lambda t, z: z**0.5, {}, "to the power 0.5, needs a whole one from 1 to 16"),
         (lambda t, z: [float(z[0])], {}, "takes a real number of a complex one, as float"),
         (lambda t, z: 1j * z if z[0] else z, {}, "takes a real number of a complex one"),
+        (lambda t, z: np.where(z == 0, 1j, z), {}, "calls numpy.equal of complex numbers"),
+        (
+            lambda t, z: 0 * z if z[0] == 0 else z,
+            {},
+            "compares complex numbers; compare their real and imaginary parts",
+        ),
         (lambda t, z: [1j * z[0], 0], {}, "returns 2 rates, and y0 has 1 numbers"),
         (written, {}, "written writes into its argument"),
         (lambda t, z: z, {"y0": [complex("nan")]}, r"y0\[0\] is nan, needs a finite number"),

@@ -14,7 +14,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.cli import main
 from xdynamics.faults import InputError
-from xdynamics.sweeping import catalogue, grid
+from xdynamics.sweeping import catalogue, grid, members
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 ASKED: dict[str, Any] = {"rtol": 1e-6, "until": "5 s"}
@@ -53,6 +53,22 @@ def larger(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any], di
     if kind == 0 and rng.random() < 0.5:
         after = dict(reversed(after.items()))
     return before, after, {} if kind == 0 else {"method": "heun"}
+
+
+def test_a_sweep_of_a_version_that_told_less_is_computed_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that members without a variable that this version has are not taken over, and the sweep is as if made at once."""
+    rocket = xd.Model.from_toml(MODELS / "staged_rocket.toml")
+    with monkeypatch.context() as patch:
+        now = members.Plan._run_variables.fget  # type: ignore[attr-defined]
+        told = property(lambda plan: [variable for variable in now(plan) if variable.name != "run_events_strayed"])
+        patch.setattr(members.Plan, "_run_variables", told)
+        before = xd.sweep(rocket, {"g": "9:10:2 m s-2"}, keep=["end"], path=tmp_path / "s").compute()
+    assert "run_events_strayed" not in before
+    found = xd.sweep(rocket, {"g": "9:10:3 m s-2"}, keep=["end"], path=tmp_path / "s").compute()
+    assert found.run_events_strayed.values.tolist() == [0, 0, 0]
+    assert found.attrs["content_digest"] == xd.content_digest(
+        xd.sweep(rocket, {"g": "9:10:3 m s-2"}, keep=["end"]).compute()
+    )
 
 
 @pytest.mark.dear

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
+from functools import reduce
 from math import isfinite
 from pathlib import Path
 from traceback import extract_tb
@@ -608,6 +609,11 @@ class TracedComplex:
 
     __bool__ = __int__ = __complex__ = __float__
 
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, _operand: object) -> bool:
+        raise InputError("the function compares complex numbers; compare their real and imaginary parts, or np.abs")
+
     def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **_: Any) -> Any:
         """Apply a function of numpy element by element."""
         return apply_elementwise(ufunc.__name__, inputs) if how == "__call__" else NotImplemented
@@ -656,19 +662,11 @@ def _quotient(x: Any, y: Any) -> TracedComplex:
 
 
 def _power(x: Any, exponent: Any) -> Any:
-    if (
-        isinstance(exponent, Traced | TracedComplex)
-        or exponent != int(exponent)
-        or not 0 < exponent <= LARGEST_EXPONENT
-    ):
-        raise InputError(
-            f"the function raises a complex number to the power {exponent}, needs a whole one from 1 to"
-            f" {LARGEST_EXPONENT}; {APART}"
-        )
-    result = x
-    for _ in range(int(exponent) - 1):
-        result = _product(result, x)
-    return result
+    if isinstance(exponent, Traced | TracedComplex) or exponent not in range(1, LARGEST_EXPONENT + 1):
+        power = "that varies" if isinstance(exponent, Traced | TracedComplex) else exponent
+        needed = f"needs a whole one from 1 to {LARGEST_EXPONENT}"
+        raise InputError(f"the function raises a complex number to the power {power}, {needed}; {APART}")
+    return reduce(_product, [x] * int(np.real(exponent)))
 
 
 def _each_part(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], TracedComplex]:

@@ -65,6 +65,8 @@ class Additions:
                 for dim, places, part in zip(self.dims, self.old_indices, block, strict=True)
             }
             with self.opens(self.catalogue) as existing:
+                if any(variable.name not in existing.variables for variable in plan.variables):
+                    return np.zeros_like(existing_mask)  # of a version that did not tell it: they are computed anew
                 for variable in plan.variables:
                     lazy = existing[variable.name].isel({dim: indices[dim] for dim in self.shared_dims})
                     part = lazy.load(scheduler="synchronous")  # texts can only be transposed in memory
