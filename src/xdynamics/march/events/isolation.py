@@ -196,6 +196,7 @@ def decide_piece(run: Run, start: float, end: float, border: bool) -> bool:
                 watch.zone = start
             watch.clear = end
             ended = border and watch.armed != 0 and not is_leaving(run, i)
+            ended = ended and not (watch.forced and turns_before_zero(run, i, watch.zone, end))
             if ended or trespasses(run, i, end):
                 note_event_in_piece(run, i, watch.zone, end, ENDED if ended else FORCED)
         else:
@@ -231,13 +232,42 @@ def decide_side(run: Run, i: int, start: float, end: float) -> None:
         note_event_in_piece(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
         if watch.hit == NONE:
             watch.armed = came
-    elif pending and not waiting and not leaving and reaches_zero(run, i, end - watch.zone):
+    elif (
+        pending
+        and not waiting
+        and not leaving
+        and reaches_zero(run, i, end - watch.zone)
+        and not (watch.forced and turns_before_zero(run, i, watch.zone, start))
+    ):
         note_event_in_piece(run, i, left, start, TOUCHED)
     if not (leaving and is_near_zero(run, i, end)):
         has_left(run, i)
     watch.ever = max(watch.ever, abs(watch.armed))
     if watch.hit == NONE:
         watch.zone, watch.forced, watch.broken, run.pending[i] = -1.0, 0, SMOOTH, 0.0
+
+
+@jit_separate
+def turns_before_zero(run: Run, i: int, left: float, right: float) -> bool:
+    """Whether a smooth function turns back clearly before zero, on pieces that were too many to resolve.
+
+    Bounds of a force that many supports share are too wide to prove it. Where its slope changes sign its value is looked
+    at: one that is far from zero there has not touched it.
+    """
+    side, t = sign_of(run.far_g[i]), run.now[0].t
+    if side == 0 or run.watches[i].broken != SMOOTH:
+        return False
+    finest, value, slope, resolved = event_resolution(run, i, right), 0.0, 0.0, False
+    while not resolved:
+        resolved, middle = right - left <= finest, (left + right) / 2.0
+        step_to(run, middle)
+        run.at[T] = t + middle
+        call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
+        value, slope = run.g1[i], run.slopes[i]
+        if run.trial[0].iterations < 0 or sign_of(value) != side:
+            return False
+        left, right = (middle, right) if side * slope < 0.0 else (left, middle)
+    return bool(abs(value) > abs(slope) * finest + noise_floor(run, i, run.z))
 
 
 @jit_separate
