@@ -135,12 +135,14 @@ def solve(
         settings["rtol"] = DEFAULT_RTOL  # scipy's solvers choose their steps, whatever the first is
     model = model_of_function(fun, t_span, y0, args, events, names, units)
     if not isinstance(settings.get("atol", 0.0), str | int | float | Mapping) and settings["atol"] is not None:
-        names_of_parts = [*model.elements.statement.states]
-        tolerances, size = [float(number) for number in settings["atol"]], np.size(y0)
-        if len(tolerances) != size:
-            raise InputError(f"atol has {len(tolerances)} numbers, and y0 {size}; give one, or one for each")
-        # of a complex number, real and imaginary part alike
-        settings["atol"] = dict(zip(names_of_parts, tolerances * (len(names_of_parts) // size), strict=True))
+        states, tolerances = [*model.elements.statement.states], [float(number) for number in settings["atol"]]
+        if np.iscomplexobj(y0):
+            tolerances *= 2  # of real and imaginary parts alike
+        if len(tolerances) != len(states):
+            given, needed = np.size(settings["atol"]), np.size(y0)
+            remedy = "give one, or one for each" if len(states) >= needed else f"{states[0]} is one state, so give one"
+            raise InputError(f"atol has {given} numbers, and y0 {needed}; {remedy}")
+        settings["atol"] = dict(zip(states, tolerances, strict=True))
     settings |= {"method": _method_name(method), "until": t_span[1] if isinstance(t_span[1], str) else float(t_span[1])}
     if t_eval is None or not model.events:
         return simulate(model, times=t_eval, path=path, **settings)
@@ -201,12 +203,10 @@ def _of_parts(function: RightSide) -> RightSide:
     @wraps(function)
     def of_parts(t: Any, y: Any, *arguments: Any) -> Any:
         real_parts, imaginary_parts = np.split(y, 2)
-        numbers = y.dtype == object
-        z = (
-            array_of([*map(TracedComplex, real_parts, imaginary_parts)])
-            if numbers
-            else real_parts + 1j * imaginary_parts
-        )
+        if y.dtype == object:
+            z = array_of([*map(TracedComplex, real_parts, imaginary_parts)])
+        else:
+            z = real_parts + 1j * imaginary_parts
         before = z.copy()
         result = function(t, z, *arguments)
         check_unwritten(function_name(function), before, z)
