@@ -427,6 +427,7 @@ def test_options_take_elements(tmp_path: Path) -> None:
     assert drawn.exit_code == 0, drawn.output
 
 
+@pytest.mark.dear
 def test_refinements_of_quantities_with_dimensions_are_told(tmp_path: Path) -> None:
     """Assert a line for each of the first six elements, by its name as it is written, and how many more there are."""
     how = ("--method", "rk4", "--step", "20 ms", "--levels", "3", "--at", "0.1 s")

@@ -351,8 +351,8 @@ def test_halves_are_refused_by_name(place: str) -> None:
 
 
 def test_numbers_alone_go_in_loops() -> None:
-    """Assert that what reads no quantity with dimensions is no sum of a million terms written one after the other."""
-    n = 1000
+    """Assert that what reads no quantity with dimensions is no sum of ninety thousand terms written one after the other."""
+    n = 300
     model = xd.Model(
         name="series",
         dimensions={"row": n, "column": n},

@@ -268,10 +268,12 @@ def test_whole_arguments_say_how_many(fun: Any) -> None:
     np.testing.assert_allclose(run.y.values[-1], exact, rtol=1e-8, atol=1e-9)
 
 
-def test_one_state_has_one_tolerance() -> None:
-    """Assert that a tolerance for each number of a state along a dimension is refused with what to give."""
-    with pytest.raises(xd.InputError, match="atol has 12 numbers, and y0 12; y is one state, so give one"):
-        xd.solve(lambda t, y: -y, (0, 1), np.arange(12.0), names="y", rtol=1e-6, atol=[1e-9] * 12)
+def test_elements_of_a_state_have_tolerances() -> None:
+    """Assert that a tolerance for each number, of a function that stays one expression, is that of each element."""
+    run = xd.solve(lambda t, y: -y, (0, 1), np.arange(12.0), names="y", rtol=1e-6, atol=np.linspace(1e-9, 1e-6, 12))
+    assert run.y.values[-1] == pytest.approx(np.arange(12.0) * np.exp(-1.0), rel=1e-5)
+    with pytest.raises(xd.InputError, match="atol has 11 numbers, and y0 12; give one, or one for each"):
+        xd.solve(lambda t, y: -y, (0, 1), np.arange(12.0), names="y", rtol=1e-6, atol=[1e-9] * 11)
 
 
 @pytest.mark.parametrize("size", [2, 12])

@@ -140,8 +140,7 @@ def solve(
             tolerances *= 2  # of real and imaginary parts alike
         if len(tolerances) != len(states):
             given, needed = np.size(settings["atol"]), np.size(y0)
-            remedy = "give one, or one for each" if len(states) >= needed else f"{states[0]} is one state, so give one"
-            raise InputError(f"atol has {given} numbers, and y0 {needed}; {remedy}")
+            raise InputError(f"atol has {given} numbers, and y0 {needed}; give one, or one for each")
         settings["atol"] = dict(zip(states, tolerances, strict=True))
     settings |= {"method": _method_name(method), "until": t_span[1] if isinstance(t_span[1], str) else float(t_span[1])}
     if t_eval is None or not model.events:
