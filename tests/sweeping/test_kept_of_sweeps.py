@@ -490,3 +490,20 @@ def test_padded_rows_are_not_saved(swept_balls: xr.Dataset, rows: xr.Dataset, tm
     with pytest.raises(xd.InputError, match="'row_size' counts .* rows of 4 runs, and there are"):
         xd.save(longer, tmp_path / "rows.nc")
     assert not (tmp_path / "rows.nc").exists()
+
+
+def test_accelerations_have_extremes() -> None:
+    """Assert those of an oscillator between its steps, by the closed form, and of bodies, by the forces on them."""
+    spring = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # w = 2 s-1
+    starts, words = [0.5, 1.0], ["maximum_a_x", "minimum_a_x"]
+    how = {"method": "dop853", "rtol": 1e-10, "until": 3.0}
+    found = xd.sweep(spring, {"x": starts}, keep=words, **how).compute()
+    assert found.maximum_a_x.values == pytest.approx(4.0 * np.array(starts), rel=1e-9)
+    assert found.maximum_a_x_time.values == pytest.approx(np.pi / 2, abs=1e-5)
+    assert words_of_flag(found.maximum_a_x_rule) == ["interpolated"] * 2
+    assert found.minimum_a_x.values == pytest.approx(-4.0 * np.array(starts), rel=1e-12)
+    bodies = xd.Model.from_toml(MODELS / "figure_eight.toml")  # three masses of 1 kg
+    words = ["minimum_a_r", "minimum_force_gravity_r"]
+    found = xd.sweep(bodies, {"G": ["1 m3 kg-1 s-2", "1.1 m3 kg-1 s-2"]}, keep=words, until="2 s", rtol=1e-9).compute()
+    assert found.minimum_a_r.values == pytest.approx(found.minimum_force_gravity_r.values, rel=1e-9)
+    assert found.minimum_a_r.attrs["units"] == "m s-2"

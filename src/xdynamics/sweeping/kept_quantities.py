@@ -383,7 +383,12 @@ class _WordReader:
             *self.layout.used,
             *self.layout.reactions,
         )  # what states inside steps are computed from
-        self.load_names = {*self.layout.applied_forces, *joint_reactions(model.joints)}  # they have extremes too
+        # accelerations, forces and what joints bear have extremes, too
+        self.evaluated_names = {
+            *self.layout.accelerations,
+            *self.layout.applied_forces,
+            *joint_reactions(model.joints),
+        }
         self.words = tuple(
             element_word
             for word in keeping.words
@@ -403,8 +408,8 @@ class _WordReader:
         events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
         quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in observables_of(self.model)]
         event_words = [f"{word}{name}_…" for name in self.single_detectors for word in (AFTER, BEFORE)]
-        loads = [word + name for word in (LARGEST, LEAST) for name in self.load_names]
-        return [END, LOG, *events, *event_words, *quantities, *loads]
+        evaluated = [word + name for word in (LARGEST, LEAST) for name in self.evaluated_names]
+        return [END, LOG, *events, *event_words, *quantities, *evaluated]
 
     @cached_property
     def of_runs(self) -> Mapping[str, RunQuantity]:
@@ -444,7 +449,7 @@ class _WordReader:
                 return [make(word.removeprefix(head))]
         for head in ("end_", LARGEST, LEAST):
             name = word.removeprefix(head)
-            if name in self.load_names and word.startswith(head) and head != "end_":
+            if name in self.evaluated_names and word.startswith(head) and head != "end_":
                 return self._extreme_variables(word, name)
             if word.startswith(head) and is_observable(self.model, name):
                 if head == "end_":
