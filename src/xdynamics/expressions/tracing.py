@@ -66,12 +66,13 @@ def real(values: Any) -> Any:
         return values
     if (imaginary := np.flatnonzero(np.imag(values))).size:
         first = np.ravel(values)[imaginary[0]]
-        raise InputError(f"the function makes {first:.6g}, needs real numbers; write real and imaginary parts apart")
+        raise InputError(f"the function makes {first:.6g}, needs real numbers; {APART}")
     return np.real(values)
 
 
 MOST_NODES = 200_000
 LARGEST_EXPONENT = 16
+APART = "write real and imaginary parts apart"
 REMEDY = "write numpy.where(condition, a, b) in the place of a branch"
 TABLE = "numpy.interp(t, x, y) in the place of an interpolator of scipy"
 LOOP = "and an event in the place of a loop that ends when a value is reached"
@@ -83,14 +84,8 @@ class WholeNumberError(InputError):
     """An unknown number is used where Python needs an integer: as an index, or in `range`."""
 
 
-class Traced:
-    """An unknown number that records the operations on it."""
-
-    def __init__(self, node: Node | Junction, nodes: int = 1) -> None:
-        self.node: Any = node
-        self.nodes = nodes
-        if nodes > MOST_NODES:
-            raise InputError(f"the function writes an expression of over {MOST_NODES} nodes; it is too long for one")
+class RecordedOperations:
+    """What unknown numbers, real or complex, have in common: operations on them are recorded."""
 
     def __add__(self, operand: Any) -> Any:
         return _trace_operation("+", self, operand)
@@ -116,6 +111,28 @@ class Traced:
     def __rtruediv__(self, operand: Any) -> Any:
         return _trace_operation("/", operand, self)
 
+    def __pow__(self, exponent: Any) -> Any:
+        return _trace_power(self, exponent)
+
+    def __pos__(self) -> Any:
+        return self
+
+    def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **_: Any) -> Any:
+        """Apply a function of numpy element by element."""
+        if how != "__call__":
+            return NotImplemented
+        return apply_elementwise(ufunc.__name__, inputs)
+
+
+class Traced(RecordedOperations):
+    """An unknown number that records the operations on it."""
+
+    def __init__(self, node: Node | Junction, nodes: int = 1) -> None:
+        self.node: Any = node
+        self.nodes = nodes
+        if nodes > MOST_NODES:
+            raise InputError(f"the function writes an expression of over {MOST_NODES} nodes; it is too long for one")
+
     def __mod__(self, operand: Any) -> Any:
         return _trace_remainder(self, operand)
 
@@ -137,9 +154,6 @@ class Traced:
     def __round__(self, digits: int = 0) -> Traced:
         return trace_rounding(self, digits)
 
-    def __pow__(self, exponent: Any) -> Any:
-        return _trace_power(self, exponent)
-
     def __rpow__(self, base: Any) -> Any:
         return _trace_power(base, self)
 
@@ -156,9 +170,6 @@ class Traced:
 
     def __neg__(self) -> Traced:
         return Traced(Negative(truth_as_number(self.node)), self.nodes + 1)
-
-    def __pos__(self) -> Traced:
-        return self
 
     def __abs__(self) -> Traced:
         return called("abs", self)
@@ -205,12 +216,6 @@ class Traced:
         return self
 
     conj = conjugate
-
-    def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **_: Any) -> Any:
-        """Apply a function of numpy element by element."""
-        if how != "__call__":
-            return NotImplemented
-        return apply_elementwise(ufunc.__name__, inputs)
 
 
 _ARRAYS = np.ndarray
@@ -389,7 +394,7 @@ def _trace_operation(operator: str, left: Any, right: Any) -> Any:
     if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
     if not are_real(left, right):
-        return applied(OPERATIONS[operator], (left, right))
+        return applied_to_complex(OPERATIONS[operator], (left, right))
     first, second = _traced_number(left), _traced_number(right)
     if operator == "*" and Number(0.0) in (first.node, second.node):  # a sparse matrix times a vector
         return Traced(Number(0.0))
@@ -411,6 +416,8 @@ def _constant_exponent(exponent: Any) -> float | None:
 def _trace_power(base: Any, exponent: Any) -> Any:
     if isinstance(base, _ARRAYS) or isinstance(exponent, _ARRAYS):
         return NotImplemented
+    if not are_real(base, exponent):
+        return applied_to_complex("power", (base, exponent))
     number = _constant_exponent(exponent)
     if number is None or abs(number) > LARGEST_EXPONENT:
         if number is None or not number.is_integer():
@@ -553,47 +560,14 @@ def _add_numpy_methods() -> None:
 _add_numpy_methods()
 
 
-APART = "write real and imaginary parts apart"
-
-
-class TracedComplex:
+class TracedComplex(RecordedOperations):
     """An unknown complex number: what is done to it is done to its parts, `real` and `imag`, traced numbers or plain ones."""
 
     def __init__(self, real: Any, imag: Any) -> None:
         self.real, self.imag = real, imag
 
-    def __add__(self, operand: Any) -> Any:
-        return _operated("add", self, operand)
-
-    def __radd__(self, operand: Any) -> Any:
-        return _operated("add", operand, self)
-
-    def __sub__(self, operand: Any) -> Any:
-        return _operated("subtract", self, operand)
-
-    def __rsub__(self, operand: Any) -> Any:
-        return _operated("subtract", operand, self)
-
-    def __mul__(self, operand: Any) -> Any:
-        return _operated("multiply", self, operand)
-
-    def __rmul__(self, operand: Any) -> Any:
-        return _operated("multiply", operand, self)
-
-    def __truediv__(self, operand: Any) -> Any:
-        return _operated("divide", self, operand)
-
-    def __rtruediv__(self, operand: Any) -> Any:
-        return _operated("divide", operand, self)
-
-    def __pow__(self, exponent: Any) -> Any:
-        return _operated("power", self, exponent)
-
     def __neg__(self) -> TracedComplex:
         return TracedComplex(-self.real, -self.imag)
-
-    def __pos__(self) -> TracedComplex:
-        return self
 
     def __abs__(self) -> Traced:
         return called("sqrt", _squared_size(self))
@@ -614,10 +588,6 @@ class TracedComplex:
     def __eq__(self, _operand: object) -> bool:
         raise InputError("the function compares complex numbers; compare their real and imaginary parts, or np.abs")
 
-    def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **_: Any) -> Any:
-        """Apply a function of numpy element by element."""
-        return apply_elementwise(ufunc.__name__, inputs) if how == "__call__" else NotImplemented
-
 
 def parts(value: Any) -> tuple[Any, Any]:
     """Return the real and the imaginary part of a number, traced or not."""
@@ -635,12 +605,6 @@ def applied_to_complex(ufunc: str, arguments: Sequence[Any]) -> Any:
     if ufunc not in _RULES:
         raise InputError(f"the function calls numpy.{ufunc} of complex numbers, which is not traced; {APART}")
     return _RULES[ufunc](*arguments)
-
-
-def _operated(ufunc: str, left: Any, right: Any) -> Any:
-    return (
-        NotImplemented if isinstance(left, np.ndarray) or isinstance(right, np.ndarray) else _RULES[ufunc](left, right)
-    )
 
 
 def _squared_size(x: Any) -> Any:

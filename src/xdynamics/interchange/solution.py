@@ -19,7 +19,6 @@ from xdynamics.record.named_rows import rows_of_events
 from xdynamics.schema import AT, EVENTS, IMAGINARY_PART, INTEGRATED, REAL_PART, STEPS
 
 Floats = NDArray[np.float64]
-AFTER = "after_"  # of states after events, beside states at chosen times
 COMPLETED, STOPPED, FAILED = 0, 1, -1
 OUTCOMES = {"completed": COMPLETED, "stopped_by_event": STOPPED}
 SPACINGS = 16.0  # of the span's largest time, up to which a time beyond an end is that end
@@ -121,9 +120,9 @@ def solution(run: xr.Dataset) -> Solution:
     )
 
 
-def _state_rows(states: xr.Dataset, names: list[str]) -> NDArray[Any]:
-    """Return quantities as rows, those with dimensions flattened; of the parts of complex numbers these."""
-    rows = np.concatenate([flattened_rows(np.asarray(states[name].values, float)).T for name in names])
+def _state_rows(states: xr.Dataset, names: list[str], head: str = "") -> NDArray[Any]:
+    """Return quantities, or what `head` says of them, as rows, dimensions flattened; of parts of complex numbers these."""
+    rows = np.concatenate([flattened_rows(np.asarray(states[head + name].values, float)).T for name in names])
     half = len(_complex_names(names))
     return rows[:half] + 1j * rows[half:] if half else rows
 
@@ -131,10 +130,7 @@ def _state_rows(states: xr.Dataset, names: list[str]) -> NDArray[Any]:
 def _complex_names(names: list[str]) -> list[str]:
     """Return what complex numbers are called whose real parts stand before their imaginary parts; none of real numbers."""
     words = [name.removesuffix(REAL_PART) for name in names[: len(names) // 2]]
-    paired = [word + part for part in (REAL_PART, IMAGINARY_PART) for word in words] == [
-        name.removeprefix(AFTER) for name in names
-    ]
-    return words if paired else []
+    return words if names == [word + part for part in (REAL_PART, IMAGINARY_PART) for word in words] else []
 
 
 def _element_labels(run: xr.Dataset, name: str) -> list[str]:
@@ -152,7 +148,7 @@ def _events_by_detector(run: xr.Dataset, y: Floats | None, names: list[str]) -> 
     event_labels = np.array(words_of_flag(run["event_detector"]) if run.sizes.get(EVENTS, 0) else [], dtype=str)
     indices_by_label = [np.flatnonzero(event_labels == label) for label in labels]
     states_after = (
-        _state_rows(run, [f"{AFTER}{name}" for name in names])
+        _state_rows(run, names, "after_")
         if y is None
         else y[:, rows_of_events(run, "after", np.arange(event_labels.size))]
     )

@@ -206,7 +206,7 @@ class FileAccess:
             ) from None
         except (OSError, ValueError) as error:  # ValueError: bytes that are not text, or a name with a null
             why = reason(error, path) if isinstance(error, OSError) else "it is no UTF-8 text (save it so, as CSV)"
-            if any((path / name).is_file() for name in ZARR_METADATA):
+            if any((path / metadata).is_file() for metadata in ZARR_METADATA):
                 why = f'it is a Zarr store; save it as netCDF, or give it in Python: xarray.open_zarr("{path.name}")'
         raise InputError(f"table {str(self.folder / name)!r} cannot be read: {why}")
 

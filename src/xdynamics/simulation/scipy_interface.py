@@ -169,8 +169,11 @@ def model_of_function(fun: RightSide, t_span: Any, y0: Any, args: Any, events: A
     functions = [fun, *event_functions(events)]
     if np.iscomplexobj(y0):
         functions = [_rates_of_parts(fun), *map(_of_parts, functions[1:])]
-        y0, names, units = _parts_of_starts(y0, names, units)
-    starts, unit_texts = read_starts(y0, units)
+        starts, unit_texts = read_starts(np.atleast_1d(np.real(y0)), units)
+        names = [word + part for part in (REAL_PART, IMAGINARY_PART) for word in _checked_names(names, len(starts))]
+        starts, unit_texts = starts + read_starts(np.atleast_1d(np.imag(y0)), units)[0], 2 * unit_texts
+    else:
+        starts, unit_texts = read_starts(y0, units)
     sections = None
     if isinstance(names, str) or (names is None and len(starts) > MOST_NAMED):
         sections = array_sections(functions, names, starts, unit_texts, t_span, args)
@@ -181,19 +184,12 @@ def model_of_function(fun: RightSide, t_span: Any, y0: Any, args: Any, events: A
     return Model(name=function_name(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], **sections)
 
 
-def _parts_of_starts(y0: Any, names: Any, units: Any) -> tuple[Floats, list[str], list[str] | None]:
-    """Return real and then imaginary parts of complex initial values, with their names and units."""
-    starts = np.atleast_1d(np.asarray(y0))
-    if starts.ndim > 1:
-        raise InputError(
-            f"y0 has shape {starts.shape}, needs one axis; give y0.ravel(), and fun reshapes it: y.reshape(…)"
-        )
-    words = [names] if isinstance(names, str) else [f"y{i}" for i in range(len(starts))] if names is None else [*names]
-    if len(words) != len(starts):
-        raise InputError(f"names are {len(words)}, and y0 has {len(starts)} numbers")
-    part_units = None if units is None else 2 * ([units] * len(starts) if isinstance(units, str) else [*units])
-    part_names = [word + part for part in (REAL_PART, IMAGINARY_PART) for word in words]
-    return np.concatenate([starts.real, starts.imag]), part_names, part_units
+def _checked_names(names: Sequence[str] | str | None, count: int) -> list[str]:
+    """Return the names of the numbers in y; y0, y1, … where none are given."""
+    words = [f"y{i}" for i in range(count)] if names is None else [names] if isinstance(names, str) else [*names]
+    if len(words) != count:
+        raise InputError(f"names are {len(words)}, and y0 has {count} numbers")
+    return words
 
 
 def _of_parts(function: RightSide) -> RightSide:
@@ -243,9 +239,7 @@ def named_sections(
     InputError
         If there are more or fewer names than numbers.
     """
-    words = [f"y{i}" for i in range(len(starts))] if names is None else [*names]
-    if len(words) != len(starts):
-        raise InputError(f"names are {len(words)}, and y0 has {len(starts)} numbers")
+    words = _checked_names(names, len(starts))
     scales = {word: f"unit_{word}" for word, unit in zip(words, unit_texts, strict=True) if unit != "1"}
     sizes = {scales[word]: f"1 {unit}" for word, unit in zip(words, unit_texts, strict=True) if word in scales}
     y = array_of(

@@ -57,8 +57,8 @@ def sweep(
     keep : sequence of str
         ``end`` (coordinates, velocities, states where each run ended), ``end_x``, ``event_time_ground``,
         ``event_count_ground``, ``after_ground_x``, ``before_ground_x``, ``maximum_x``, ``minimum_x`` (with time, rule
-        and uncertainty, as in `diagnose`; of accelerations and forces, too, ``maximum_a_x``), ``x`` or any energy or observable at `times`, ``log`` for whole runs, one
-        file each. Of an event also all else that a record has of it, ``event_residual_ground``. Any number of `diagnose`
+        and uncertainty, as in `diagnose`; of accelerations and forces, too, ``maximum_a_x``), ``x`` or any energy or
+        observable at `times`, ``log`` for whole runs, one file each. Of an event also all else that a record has of it, ``event_residual_ground``. Any number of `diagnose`
         (``energy_drift``, ``period``, ``believed_until``) or of a record's attributes (``run_fastest_rate``) takes the
         member's whole run and its diagnosis, some tenths of a second each.
     times : array_like, s, or of texts

@@ -249,11 +249,11 @@ def test_a_kink_reaches_zero_if_its_slope_explains_it(
     monkeypatch: pytest.MonkeyPatch, near: float, broken: int, slopes: tuple[float, float], expected: bool
 ) -> None:
     """Assert for a piece of 0.02 s that a hundred times the larger slope is what is explained, and no infinite value is."""
-    run = on_a_piece(near, near, broken=broken, down=slopes[0], up=slopes[1], greatest=2.0)
-    assert doubted(monkeypatch, zero_tests.reaches_zero, 0.0)(run, 0, 0.02) == expected
+    run = on_a_piece(near, near, broken=broken, down=slopes[0], up=slopes[1], greatest=2.0, zone=0.0)
+    assert doubted(monkeypatch, isolation.reaches_zero, 0.0)(run, 0, 0.0, 0.02) == expected
     if near == 1.1 and slopes[1] == 0.5 and not expected:
-        assert doubted(monkeypatch, zero_tests.reaches_zero, 0.0, 0.026)(run, 0, 0.02)
-        assert not doubted(monkeypatch, zero_tests.reaches_zero, 0.0, 0.024)(run, 0, 0.02)
+        assert doubted(monkeypatch, isolation.reaches_zero, 0.0, 0.026)(run, 0, 0.0, 0.02)
+        assert not doubted(monkeypatch, isolation.reaches_zero, 0.0, 0.024)(run, 0, 0.0, 0.02)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import nan
 
-from xdynamics.elementary.bounds import BREAKS, SMOOTH
+from xdynamics.elementary.bounds import BREAKS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
@@ -22,16 +22,18 @@ from xdynamics.march.events.zero_tests import (
     ENDED,
     FORCED,
     MONOTONE,
+    MURK,
     MURKY,
     NONE,
     OPEN,
+    STEEP,
     TOUCHED,
     classify_function,
     event_resolution,
+    function_uncertainty,
     idles,
     moves_past_guard,
     noise_floor,
-    reaches_zero,
     returned_past_zero,
     sign_of,
     stays_within,
@@ -195,8 +197,8 @@ def decide_piece(run: Run, start: float, end: float, border: bool) -> bool:
             if watch.zone < 0.0:
                 watch.zone = start
             watch.clear = end
-            ended = border and watch.armed != 0 and not is_leaving(run, i)
-            ended = ended and not (watch.forced and turns_before_zero(run, i, watch.zone, end))
+            is_open = border and watch.armed != 0 and not is_leaving(run, i)
+            ended = is_open and not turns_before_zero(run, i, watch.zone, end)
             if ended or trespasses(run, i, end):
                 note_event_in_piece(run, i, watch.zone, end, ENDED if ended else FORCED)
         else:
@@ -232,13 +234,7 @@ def decide_side(run: Run, i: int, start: float, end: float) -> None:
         note_event_in_piece(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
         if watch.hit == NONE:
             watch.armed = came
-    elif (
-        pending
-        and not waiting
-        and not leaving
-        and reaches_zero(run, i, end - watch.zone)
-        and not (watch.forced and turns_before_zero(run, i, watch.zone, start))
-    ):
+    elif pending and not waiting and not leaving and reaches_zero(run, i, start, end):
         note_event_in_piece(run, i, left, start, TOUCHED)
     if not (leaving and is_near_zero(run, i, end)):
         has_left(run, i)
@@ -248,14 +244,31 @@ def decide_side(run: Run, i: int, start: float, end: float) -> None:
 
 
 @jit_separate
+def reaches_zero(run: Run, i: int, start: float, end: float) -> bool:
+    """Whether a function on one side before and after pieces that are not resolved, up to this one, reaches zero in them.
+
+    A smooth one does unless it is seen to turn back before. One with a kink does if its slope explains its value beside it;
+    one that is infinite there, or stays away, does not.
+    """
+    watch = run.watches[i]
+    if watch.broken == SMOOTH:
+        return not turns_before_zero(run, i, watch.zone, start)
+    if watch.broken == UNBOUNDED and abs(run.near_g[i]) >= watch.greatest:
+        return False
+    run.at[T] = run.piece[0].start
+    explained = STEEP * max(abs(watch.down), abs(watch.up)) * (end - watch.zone)
+    return abs(run.near_g[i]) <= explained + MURK * function_uncertainty(run, i, run.near)
+
+
+@jit_separate
 def turns_before_zero(run: Run, i: int, left: float, right: float) -> bool:
     """Whether a smooth function turns back clearly before zero, on pieces that were too many to resolve.
 
     Bounds of a force that many supports share are too wide to prove it. Where its slope changes sign its value is looked
     at: one that is far from zero there has not touched it.
     """
-    side, t = sign_of(run.far_g[i]), run.now[0].t
-    if side == 0 or run.watches[i].broken != SMOOTH:
+    watch, side, t = run.watches[i], sign_of(run.far_g[i]), run.now[0].t
+    if watch.forced == 0 or watch.broken != SMOOTH or side == 0:
         return False
     finest, value, slope, resolved = event_resolution(run, i, right), 0.0, 0.0, False
     while not resolved:

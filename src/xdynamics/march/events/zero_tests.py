@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.elementary.bounds import EPS, SMOOTH, UNBOUNDED
+from xdynamics.elementary.bounds import EPS, SMOOTH
 from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
@@ -239,19 +239,3 @@ def moves_past_guard(run: Run, i: int, came: int) -> bool:
     run.at[T] = run.piece[0].end
     call_law(run.law[SLOPES], run, run.far, run.slopes, 0)
     return bool(watch.guard * run.slopes[i] < 0.0)
-
-
-@jit_separate
-def reaches_zero(run: Run, i: int, width: float) -> bool:
-    """Whether a function that is on one side before and after an unresolved piece reaches zero in it.
-
-    One with a kink does if its slope explains its value beside it; one that is infinite there, or stays away, does not.
-    """
-    watch = run.watches[i]
-    if watch.broken == SMOOTH:
-        return True
-    if watch.broken == UNBOUNDED and abs(run.near_g[i]) >= watch.greatest:
-        return False
-    run.at[T] = run.piece[0].start
-    explained = STEEP * max(abs(watch.down), abs(watch.up)) * width
-    return abs(run.near_g[i]) <= explained + MURK * function_uncertainty(run, i, run.near)
