@@ -107,7 +107,9 @@ def test_dates_say_what_they_are_counted_from(tmp_path: Path) -> None:
         ("Date,Time,pull (N)\n3/25/2024,10:00:00,0\n3/25/2024,10:00:01,5\n", {}, "the time '3/25/2024' is not read"),
         ("t,pull (N)\n2:05:00 PM,0\n2:05:01 PM,5\n", {}, "the time '2:05:00 PM' is not read: .* clocks as 14:05:00"),
         (f"{PLAIN}1.5,7\n", {}, 'line 5: .*, of which duplicates = "first", "last" or "mean" takes one'),
-        (PLAIN, {"duplicates": '"jump"'}, "duplicates is 'jump', needs 'first', 'last'"),
+        (PLAIN, {"duplicates": '"both"'}, "duplicates is 'both', needs 'first', 'last'"),
+        (f"{PLAIN}1.5,7\n1.5,8\n", {"duplicates": '"jump"'}, "a jump is two lines"),
+        ("time (s),pull (N)\n1,0\n1,4\n", {"duplicates": '"jump"'}, "2 or more of different arguments"),
         (PLAIN, {"argument_column": '"clock"'}, "has no column 'clock', which argument_column names; there are 'time"),
         ("n,time (s),F (N)\n1,0,0\n2,1,1\n", {}, 'another one: argument_column = "time"'),
         (

@@ -104,7 +104,7 @@ def _check_points(model: Model, inputs: Sequence[str]) -> None:
     if not (point_inputs := sorted(model.read_by_points.intersection(inputs))):
         return
     for name, drive in model.elements.drives.items():
-        if drive.argument != CLOCK and (drive.interpolation == "previous" or drive.outside == "zero"):
+        if drive.argument != CLOCK and drive.jumps:
             raise NotVariedError(f"'{name}' jumps at times that follow '{point_inputs[0]}'")
 
 

@@ -234,7 +234,7 @@ def _check_slip(slip: Node, statement: Statement, dimensions: Dimensions) -> Dim
         )
     for input_name in sorted(free_names(tree) & set(statement.drives)):
         drive = statement.drives[input_name]
-        if (drive.argument, drive.interpolation) != (Name("t"), "linear"):
+        if (drive.argument, drive.interpolation, drive.table.duplicates) != (Name("t"), "linear", ""):
             raise InputError(
                 f"slip reads the drive '{input_name}', {drive.interpolation} in {text_of(drive.argument)}; it may be one of t"
                 " that is linear"
@@ -346,11 +346,7 @@ def _check_delayed(delayed_tree: Node, moving: set[str], statement: Statement) -
     for name in sorted(names & {*statement.drives}):
         drive = statement.drives[name]
         timed = not free_names(expand(drive.argument, statement.definitions)) & moving
-        if (
-            drive.interpolation == "previous"
-            or drive.outside == "zero"
-            or (drive.interpolation == "linear" and not timed)
-        ):
+        if drive.jumps or (drive.interpolation == "linear" and not timed):
             raise InputError(
                 f"delays the drive '{name}', whose table has jumps, or kinks along a motion; give it interpolation ="
                 ' "pchip" and outside = "hold", or write a second drive with the argument t - delay'

@@ -99,6 +99,7 @@ def spline_slopes(x: Floats, y: Floats) -> Floats:
 INTERPOLATIONS = ("previous", "linear", "pchip", "cubic")
 OUTSIDE = ("error", "zero", "hold")
 REFUSE, SKIP = GAPS = ("refuse", "skip")
+JUMP = "jump"  # two rows of one argument: the value before it, and the value from it on
 MOST_LINES = 5  # of a table, named in an error
 ARGUMENT, VALUE, DOUBTS = "argument", "value", {"uncertainty": "u({0})", "common": "u_common({0})"}  # and their headers
 
@@ -115,12 +116,12 @@ class Table:
         The CSV text: ``#`` lines, a header ``time [s],thrust [N]``, rows. Line ends are newlines.
     argument_unit, value_unit : Unit
     argument, value : ndarray, shape (n,), SI
-        `argument` strictly increases.
+        `argument` strictly increases, but at jumps, where two rows have one.
     uncertainty : ndarray, shape (n,), SI, optional
         Standard uncertainty of each value, independent of all others: a column ``u(thrust) [N]``.
     common : ndarray, shape (n,), SI, optional
         Standard uncertainty common to all values, as by a calibration: a column ``u_common(thrust) [N]``.
-    column, gaps : str
+    column, gaps, duplicates : str
         As passed to `parse`.
     """
 
@@ -134,9 +135,10 @@ class Table:
     common: Floats | None = field(default=None, compare=False, repr=False)
     column: str = ""
     gaps: str = "refuse"
+    duplicates: str = ""
 
     @classmethod
-    def parse(cls, name: str, text: str, column: str = "", gaps: str = REFUSE) -> Table:
+    def parse(cls, name: str, text: str, column: str = "", gaps: str = REFUSE, duplicates: str = "") -> Table:
         """Read CSV text: cells separated by commas, semicolons or tabs, with decimal points or commas.
 
         Parameters
@@ -146,16 +148,18 @@ class Table:
             Name, or full header, of the values, where there is more than one column of them.
         gaps : {"refuse", "skip"}
             How lines with a missing number are treated.
+        duplicates : {"", "jump"}
+            Whether two rows of one argument are a jump; they are refused otherwise.
 
         Raises
         ------
         InputError
             If the text is faulty; with the line number of every fault, and only the beginning of a cell.
         """
-        return cls.from_sheet(Sheet.from_text(name, text), text, column, gaps)
+        return cls.from_sheet(Sheet.from_text(name, text), text, column, gaps, duplicates)
 
     @classmethod
-    def from_sheet(cls, sheet: Sheet, text: str, column: str = "", gaps: str = REFUSE) -> Table:
+    def from_sheet(cls, sheet: Sheet, text: str, column: str = "", gaps: str = REFUSE, duplicates: str = "") -> Table:
         """Read a column of a sheet, of whose text it is; see `parse`.
 
         Raises
@@ -167,14 +171,21 @@ class Table:
         titles = dict(zip(places.values(), sheet.titles([*places.values()]), strict=True))
         _check_doubts(sheet, places, titles)
         rows = sheet.columns([*places.values()], skip=gaps == SKIP)
-        if len(rows) < 2 or not (np.diff(rows[:, 0]) > 0).all() or (rows[:, 2:] < 0).any():
-            _refuse_rows(sheet, sheet.read_rows([*places.values()], skip=gaps == SKIP))
+        if not _increases(rows[:, 0], duplicates) or (rows[:, 2:] < 0).any():
+            _refuse_rows(sheet, sheet.read_rows([*places.values()], skip=gaps == SKIP), duplicates)
         units = {word: titles[k].unit for word, k in places.items()}
         numbers = {
             word: unit.all_to_si(np.ascontiguousarray(rows[:, k])) for k, (word, unit) in enumerate(units.items())
         }
         return cls(
-            sheet.name, normalise_newlines(text), units[ARGUMENT], units[VALUE], **numbers, column=column, gaps=gaps
+            sheet.name,
+            normalise_newlines(text),
+            units[ARGUMENT],
+            units[VALUE],
+            **numbers,
+            column=column,
+            gaps=gaps,
+            duplicates=duplicates,
         )
 
     @property
@@ -212,11 +223,14 @@ def piece_coefficients(
         # just beyond it; the number next to 0 would be too small to divide by
         beyond = max(np.nextafter(argument[-1], np.inf), argument[-1] + 2.0**-52 * (argument[-1] - argument[0]))
         argument, value = np.append(argument, beyond), np.append(value, value[-1])
-    pieces = _interpolation_pieces(argument, value, interpolation)
-    inner = np.vstack([np.zeros((4 - len(pieces), pieces.shape[1])), pieces])
     ends = {"error": (np.nan, np.nan), "zero": (0.0, 0.0), "hold": (value[0], value[-1])}[outside]
+    jumps = np.flatnonzero(np.diff(argument) == 0) + 1
+    stretches = zip(np.split(argument, jumps), np.split(value, jumps), strict=True)  # each interpolated by itself
+    pieces = np.hstack([_interpolation_pieces(x, y, interpolation) for x, y in stretches if len(x) > 1])
+    inner = np.vstack([np.zeros((4 - len(pieces), pieces.shape[1])), pieces])
     piece_before, piece_after = (np.array([[0.0], [0.0], [0.0], [end]]) for end in ends)
-    origin = np.concatenate([argument[:1], argument])
+    points = np.delete(argument, jumps)
+    origin = np.concatenate([points[:1], points])
     return origin, np.ascontiguousarray(np.hstack([piece_before, inner, piece_after]))
 
 
@@ -285,22 +299,37 @@ def _check_doubts(sheet: Sheet, places: Mapping[str, int], titles: Mapping[int, 
             )
 
 
-def _refuse_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None:
+def _increases(argument: Floats, duplicates: str) -> bool:
+    """Whether a table has two arguments, and they increase, two at a jump being equal."""
+    steps = np.diff(argument)
+    if duplicates != JUMP:
+        return len(steps) > 0 and bool((steps > 0).all())
+    return bool((steps > 0).any() and (steps >= 0).all() and (argument[2:] > argument[:-2]).all())
+
+
+def _refuse_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]], duplicates: str) -> None:
     """Name the lines of arguments that do not increase and of negative uncertainties, and too few points."""
     ledger = Ledger(f"table '{sheet.name}'")
-    previous = -inf
-    for number, row in rows:
-        if row[0] <= previous:
-            same = ', of which duplicates = "first", "last" or "mean" takes one' if row[0] == previous else ""
-            ledger.note(f"line {number}: argument {row[0]!r} does not increase after {previous!r}{same}")
-        elif row[2:] and min(row[2:]) < 0:
-            ledger.note(f"line {number}: the uncertainty {min(row[2:])!r} is negative")
-        previous = max(previous, row[0])
+    before, previous, allowed = -inf, -inf, duplicates == JUMP
+    for number, (argument, _, *doubts) in rows:
+        if argument == previous and (not allowed or argument == before):
+            remedy = " the value before it and the value after it" if allowed else ""
+            same = (
+                f"; a jump is two lines,{remedy}"
+                if allowed
+                else f', of which duplicates = "first", "last" or "mean" takes one, and duplicates = "{JUMP}" both'
+            )
+            ledger.note(f"line {number}: argument {argument!r} does not increase after {previous!r}{same}")
+        elif argument < previous:
+            ledger.note(f"line {number}: argument {argument!r} does not increase after {previous!r}")
+        elif doubts and min(doubts) < 0:
+            ledger.note(f"line {number}: the uncertainty {min(doubts)!r} is negative")
+        before, previous = previous, max(previous, argument)
         if len(ledger.faults) >= MOST_LINES:
             ledger.note("and perhaps further lines below these")
             break
-    if len(rows) < 2:
-        ledger.note(f"has {len(rows)} rows, needs 2 or more")
+    if len({argument for _, (argument, *_) in rows}) < 2:
+        ledger.note(f"has {len(rows)} rows, needs 2 or more" + (" of different arguments" if allowed else ""))
     ledger.raise_faults()
 
 

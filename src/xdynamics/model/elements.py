@@ -413,7 +413,7 @@ class Elements(ElementNumbers):
         sheet = Sheet.from_text(table.name, table.text)
         for column, (element, indices) in zip(columns, self._indexed_elements(name), strict=True):
             element_table = replace(
-                Table.from_sheet(sheet, table.text, column, table.gaps), value_unit=table.value_unit
+                Table.from_sheet(sheet, table.text, column, table.gaps, table.duplicates), value_unit=table.value_unit
             )
             yield element, replace(drive, argument=self._tree_at(drive.argument, indices), table=element_table, dims=())
 

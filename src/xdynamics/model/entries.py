@@ -10,7 +10,7 @@ from xdynamics.expressions import Node, text_of
 from xdynamics.expressions.calculus import sum_of_terms
 from xdynamics.faults import InputError, first_names
 from xdynamics.model.csv_sheet import Sheet
-from xdynamics.model.drives import REFUSE, Table
+from xdynamics.model.drives import JUMP, REFUSE, Table
 from xdynamics.model.given_values import dims_key, is_expression
 from xdynamics.model.instruments import KEYS as READING_KEYS
 from xdynamics.model.instruments import Reading, as_table
@@ -142,12 +142,14 @@ def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
 def _drive_text(entry: Mapping[str, Any], name: str, source: Source) -> dict[str, Any]:
     file = entry.get("table", f"{name}.csv")
     if not isinstance(file, str):
-        return {**entry, "table": f"{name}.csv", "csv": table_text(name, file)}
+        entry, file = {**entry, "csv": table_text(name, file)}, f"{name}.csv"
     if not file.isprintable() or not isinstance(entry.get("csv", ""), str):
         raise InputError(f"table {file!r} must be the name of a CSV file")
     text = entry["csv"] if "csv" in entry else source.access.read_table(file)
     reading_keys = {key: value for key, value in entry.items() if key in READING_KEYS}
     drive_keys = {key: value for key, value in entry.items() if key not in READING_KEYS}
+    if reading_keys.get("duplicates") == JUMP:  # what the numbers mean is of the drive, not of its file
+        drive_keys["duplicates"] = JUMP
     return {**drive_keys, "table": file, "csv": as_table(file, text, Reading.from_keys(reading_keys))}
 
 
@@ -185,9 +187,11 @@ def columns_of_drive(name: str, dims: tuple[str, ...], shapes: Shapes) -> list[s
     return [extent.label(i) if extent.labels else f"{name}_{i}" for i in range(extent.size)]
 
 
-def make_drive(table: str, csv: str, column: str = "", gaps: str = REFUSE, **drive_settings: Any) -> Drive:
+def make_drive(
+    table: str, csv: str, column: str = "", gaps: str = REFUSE, duplicates: str = "", **drive_settings: Any
+) -> Drive:
     """Make a drive from the text of its table."""
-    return Drive(Table.parse(Path(table).name, csv, column, gaps), **drive_settings)
+    return Drive(Table.parse(Path(table).name, csv, column, gaps, duplicates), **drive_settings)
 
 
 def make_event(**values: Any) -> Event:

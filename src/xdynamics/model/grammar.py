@@ -8,7 +8,7 @@ from __future__ import annotations
 from xdynamics.keywords import KEYWORDS
 from xdynamics.model import body_sections, entries, joint_sections
 from xdynamics.model.controllers import MEMORY, OUTPUT, entries_of
-from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE
+from xdynamics.model.drives import GAPS, INTERPOLATIONS, JUMP, OUTSIDE, REFUSE
 from xdynamics.model.given_values import dims_key
 from xdynamics.model.kinds import (
     COEFFICIENT,
@@ -111,10 +111,11 @@ READING = (
     ),
     Key(
         "duplicates",
-        word_kind("first", "last", "mean"),
-        "of lines in a row with one argument, which value is taken",
+        word_kind("first", "last", "mean", JUMP),
+        "of lines in a row with one argument, which value is taken; jump: both, the value before it and from it on",
         "refused",
-        is_rewritten=False,
+        "table.duplicates",
+        "",
     ),
     Key("time_zero", raw('time | "first"'), "what the times are counted from", "0", is_rewritten=False),
     Key("decimal", word_kind(".", ","), "decimal mark", "found", is_rewritten=False),

@@ -54,6 +54,7 @@ from xdynamics.model.csv_sheet import (
     title,
     unit_word,
 )
+from xdynamics.model.drives import JUMP
 from xdynamics.units import SECONDS, parse_quantity, parse_scale
 
 TIME = "time [s]"
@@ -381,7 +382,7 @@ def _preamble_titles(header: Sequence[str], preamble: Mapping[str, Sequence[str]
 
 KEYS = ("skip", "header", "units", "argument_column", "duplicates", "time_zero", "decimal")
 FIRST = "first"  # of `time_zero`: times are counted from the first
-DUPLICATES = ("first", "last", "mean")  # what is taken of lines of one argument
+DUPLICATES = ("first", "last", "mean", JUMP)  # what is taken of lines of one argument
 COLUMNS = "columns"  # of `compare` and `fit`; a drive has a name of its own, and `column`
 
 
@@ -399,8 +400,8 @@ class Reading:
         Units of columns whose titles have none, by their names.
     argument_column : str
         The column that values are measured over, where it is not the first.
-    duplicates : {"", "first", "last", "mean"}
-        Which value is taken where lines in a row have one argument; refused if empty.
+    duplicates : {"", "first", "last", "mean", "jump"}
+        Which value is taken where lines in a row have one argument: both at a jump; refused if empty.
     time_zero : str
         What the column of times is counted from: a time, or ``"first"``, its first number.
     decimal : {"", ".", ","}
@@ -488,7 +489,12 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
     first = next((line for line in lines if not line.lstrip().startswith(COMMENTS)), "")[:LONGEST_HEADER]
     ready = is_table(first) and not any(form.search(first) for form in (RUN, STEP))
     titled = not ready or cells_of(first)[0] != ""  # a first column without a title is an index of lines
-    if ready and titled and not origin and reading == AS_IT_IS:
+    if (
+        ready
+        and titled
+        and not origin
+        and replace(reading, duplicates=reading.duplicates.removeprefix(JUMP)) == AS_IT_IS
+    ):
         return text
     if reading.header:
         grid = _cells_below_titles(name, lines, reading)
@@ -597,7 +603,7 @@ def _with_argument_first(name: str, grid: Cells, reading: Reading) -> Cells:
 
 def _without_duplicates(_name: str, grid: Cells, reading: Reading) -> Cells:
     """Take one line of those in a row that have the same argument."""
-    if not reading.duplicates:
+    if reading.duplicates in ("", JUMP):
         return grid
     rows: list[tuple[str, ...]] = []
     arguments = (number_in_cell(row[0]) if row else None for row in grid.rows)

@@ -141,6 +141,10 @@ class Model(ModelTrees):
             check_no_address(path)
         except InputError as error:
             raise ModelError(f"the model cannot be read: {error}") from None
+        if "\n" in str(path):
+            raise ModelError(
+                "the model cannot be read: this is the text of a model, no name of a file; Model.from_text reads it"
+            )
         path = Path(path)
         if tables not in ACCESSES:
             raise InputError(f"tables is {tables!r}; there are {', '.join(ACCESSES)}")

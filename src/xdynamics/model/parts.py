@@ -190,6 +190,11 @@ class Drive:
     description: str = ""
     dims: tuple[str, ...] = ()
 
+    @property
+    def jumps(self) -> bool:
+        """Whether its value jumps at some point of its table, or at an end."""
+        return self.interpolation == "previous" or self.outside == "zero" or self.table.duplicates != ""
+
 
 @dataclass(frozen=True)
 class Event:

@@ -88,7 +88,7 @@ def surfaces(model: Model) -> tuple[Surface, ...]:
     if model.shapes.dims or elements.contacts or statement.frictions or elements.constraints or model.assemblies:
         return ()
     # what changes forces at a time without an event would change shares: ticks, and tables that jump
-    jumps = any(drive.interpolation == "previous" or drive.outside == "zero" for drive in elements.drives.values())
+    jumps = any(drive.jumps for drive in elements.drives.values())
     if model.python_functions or model.delays or statement.controllers or jumps:
         return ()
     groups: list[_Group] = []

@@ -354,7 +354,9 @@ def _bent(model: Model, trees: Iterator[Node]) -> list[str]:
     return [
         name
         for name, drive in model.elements.drives.items()
-        if name in names and model.elements.looked_up_at[name] != CLOCK and drive.interpolation in BENT
+        if name in names
+        and model.elements.looked_up_at[name] != CLOCK
+        and (drive.interpolation in BENT or drive.table.duplicates)
     ]
 
 
@@ -365,11 +367,15 @@ def _table_switch(model: Model, owner: str, name: str) -> Switch:
     left, left_far, right, right_far = map(Name, borders(name))
     below = Binary("+", Binary("*", left, argument), left_far)
     above = Binary("-", right_far, Binary("*", right, argument))
-    jumps = elements.drives[name].interpolation == "previous" or elements.drives[name].outside == "zero"
     table, labels = split_element_name(name)
     dims = model.shapes.dims.get(table, ())
     return Switch(
-        owner, join_element_name(f"{owner}.{table}", labels), Binary("*", below, above), jumps, drive=name, dims=dims
+        owner,
+        join_element_name(f"{owner}.{table}", labels),
+        Binary("*", below, above),
+        elements.drives[name].jumps,
+        drive=name,
+        dims=dims,
     )
 
 

@@ -22,7 +22,7 @@ from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset, scal
 from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.csv_sheet import Sheet, Title, cell_excerpt, clocks_of, is_clock, name_of_title, title
-from xdynamics.model.drives import GAPS, REFUSE, SKIP
+from xdynamics.model.drives import GAPS, JUMP, REFUSE, SKIP
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.instruments import AS_IT_IS, FIRST, Reading, as_table
 from xdynamics.model.table_values import columns_of_frame, stamps
@@ -134,6 +134,8 @@ def read_measured_data(
     if gaps not in GAPS:
         raise InputError(f"gaps is {gaps!r}; there are {', '.join(GAPS)}")
     file_reading = Reading.from_keys(reading or {})
+    if file_reading.duplicates == JUMP:
+        raise InputError(f"duplicates is '{JUMP}', which drives have; a measured time has one value, or several rows")
     if isinstance(source, str | Path) and Path(source).suffix.lower() in ARRAYS:
         source = _open_netcdf(Path(source))
     if hasattr(source, "to_frame") and not hasattr(source, "columns"):
