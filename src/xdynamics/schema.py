@@ -383,6 +383,11 @@ def rate(name: str) -> str:
     return f"rate_{name}"
 
 
+def rate_term(term: str, state: str) -> str:
+    """Name a term of the rate of a first-order state."""
+    return f"term_{term}_{state}"
+
+
 def rest_name(name: str) -> str:
     """Name the rest of a number beside the nearest float."""
     return f"rest_{name}"

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import pytest
+
 import xdynamics as xd
 
 PULSE = "t [s],F [N]\n0,0\n1,0\n1,3\n2,1\n2,-2\n3,-2\n3,0\n4,0\n"

@@ -89,6 +89,7 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("x, v_x, a_x", "step", "every coordinate, its velocity and acceleration, in their own units"),
     ("force_<term>_x", "step", "every force term, by coordinate"),
     ("fuel, rate_fuel", "step", "every first-order state and its rate"),
+    ("term_<term>_fuel", "step", "every term of its rate, as it acts in the regime"),
     ("<observable>", "step", "every declared observable, kinetic_energy, potential_energy, total_energy"),
     (
         "rest_x, rest_v_x, rest_fuel, rest_time",

@@ -59,7 +59,7 @@ def observables_of(model: Model) -> tuple[str, ...]:
     layout = layout_of(model)
     return (
         *layout.used,
-        *(name for name in layout.derived if name not in layout.gaps and name not in layout.constraint_outputs),
+        *(name for block in _observed_blocks(layout) for name in block.elements()),
     )
 
 
@@ -74,7 +74,7 @@ def _observed_blocks(layout: Layout) -> list[Block]:
     return [
         block
         for block in layout.computed.blocks
-        if block.first not in layout.gaps and block.first not in layout.constraint_outputs
+        if block.first not in {*layout.rate_terms, *layout.gaps, *layout.constraint_outputs}
     ]
 
 
@@ -84,7 +84,7 @@ def is_observable(model: Model, name: str) -> bool:
     if DOT not in name:
         return name in quantities_of(model)
     return name in layout.used or (
-        name in layout.computed and name not in layout.constraint_outputs and name not in layout.gaps
+        name in layout.computed and name not in {*layout.rate_terms, *layout.constraint_outputs, *layout.gaps}
     )
 
 

@@ -191,11 +191,12 @@ class Layout:
 
     @cached_property
     def derived(self) -> Mapping[str, Node]:
-        """Energies, observables and gaps, computed when a row is logged."""
+        """Energies, observables, terms of rates and gaps, computed when a row is logged."""
         observables = {name: partial(self._observed, name) for name in self.model.elements.observables}
         return Lazy(
             {name: partial(self._energy, name) for name in self._energies}
             | observables
+            | self._rate_terms_of_elements
             | self.gaps
             | self.constraint_outputs
             | self.shares
@@ -207,10 +208,31 @@ class Layout:
     @cached_property
     def computed(self) -> Blocks:
         """The blocks of `derived`."""
-        return self._blocks(
-            "derived",
-            (*self._energies, *self.model.statement.observables, *self.gaps, *self.constraint_outputs, *self.shares),
-        )
+        observed = self._blocks("derived", (*self._energies, *self.model.statement.observables))
+        others = (*self.gaps, *self.constraint_outputs, *self.shares)
+        return observed + self.rate_terms + self._blocks("derived", others)
+
+    @cached_property
+    def rate_terms(self) -> Blocks:
+        """The terms of the rates of first-order states, in the shapes of these."""
+        blocks = [
+            Blocks((block,)).renamed("derived", partial(schema.rate_term, term))
+            for block in self.states.blocks
+            for term in self.model.statement.states[block.name].terms
+        ]
+        return Blocks(part for parts in blocks for part in parts.blocks)
+
+    @property
+    def _rate_terms_of_elements(self) -> dict[str, partial[Node]]:
+        return {
+            schema.rate_term(term, name): partial(self._rate_term, name, term)
+            for block in self.states.blocks
+            for term in self.model.statement.states[block.name].terms
+            for name in block.elements()
+        }
+
+    def _rate_term(self, name: str, term: str) -> Node:
+        return self.model.elements.expanded(self.model.elements.statement.states[name].acting[term])
 
     @cached_property
     def gaps(self) -> dict[str, Node]:
@@ -404,7 +426,12 @@ class Layout:
         model = self.model
         observables = {name: model.expanded(tree) for name, tree in model.statement.observables.items()}
         dims = model.shapes.dims
-        return {name: (dims.get(name, ()), tree) for name, tree in (self._energies | observables).items()}
+        observed = {name: (dims.get(name, ()), tree) for name, tree in (self._energies | observables).items()}
+        return observed | {
+            schema.rate_term(term, name): (dims.get(name, ()), model.expanded(tree))
+            for name, state in model.statement.states.items()
+            for term, tree in state.acting.items()
+        }
 
     @cached_property
     def _energies(self) -> dict[str, Node]:

@@ -319,7 +319,8 @@ class Elements(ElementNumbers):
         return at_element(tree, indices, self.shapes)
 
     def _state_at(self, part: State, indices: ElementIndices) -> State:
-        return replace(part, rate=self._tree_at(part.rate, indices), dims=())
+        acting = {term: self._tree_at(tree, indices) for term, tree in part.acting.items()}
+        return replace(part, rate=self._tree_at(part.rate, indices), acting=acting, dims=())
 
     def _controller_of_elements(self, part: Controller) -> Controller:
         return with_trees(part, lambda tree: self._tree_at(tree, {}))

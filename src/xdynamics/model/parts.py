@@ -104,7 +104,7 @@ class State:
     """A first-order state beside the motion; `smooth` as in `Force`.
 
     Its rate is an expression, or the sum of one and of terms by name, of which those that regimes list act in these
-    alone. `own_rate` is then what stands beside the terms.
+    alone. `own_rate` is then what stands beside the terms, and `acting` the terms as they are in the current regime.
     """
 
     unit: Unit
@@ -114,6 +114,7 @@ class State:
     dims: tuple[str, ...] = ()
     terms: Mapping[str, Node] = field(default_factory=dict)
     own_rate: Node | None = None
+    acting: Mapping[str, Node] = field(default_factory=dict)
 
     @property
     def written_rate(self) -> Node | None:

@@ -56,7 +56,12 @@ class RegimeModel(Model):
         written = plain.statement
         changes: dict[str, Any] = {
             "states": {
-                name: replace(part, rate=self._one_sided_tree(name, part.rate)) for name, part in written.states.items()
+                name: replace(
+                    part,
+                    rate=self._one_sided_tree(name, part.rate),
+                    acting={term: self._one_sided_tree(name, tree) for term, tree in part.acting.items()},
+                )
+                for name, part in written.states.items()
             },
             "mass": self._one_sided_masses(),
             "frictions": {

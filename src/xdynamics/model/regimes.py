@@ -22,13 +22,14 @@ def in_some(tree: Node, numbers: Iterable[int]) -> Node:
 
 def with_regimes(state: State, regimes: Mapping[str, Regime]) -> State:
     """Return a state whose rate has each term in the regimes that list it; terms that none lists act always."""
-    listed = {name for regime in regimes.values() for name in regime.terms}
-    if listed.isdisjoint(state.terms):
+    if not state.terms:
         return state
-    acting = [
-        in_some(tree, [i for i, regime in enumerate(regimes.values()) if name in regime.terms])
+    listed = {name for regime in regimes.values() for name in regime.terms}
+    acting = {
+        name: in_some(tree, [i for i, regime in enumerate(regimes.values()) if name in regime.terms])
         if name in listed
         else tree
         for name, tree in state.terms.items()
-    ]
-    return replace(state, rate=sum_of_terms([*([] if state.own_rate is None else [state.own_rate]), *acting]))
+    }
+    own = [] if state.own_rate is None else [state.own_rate]
+    return replace(state, rate=sum_of_terms([*own, *acting.values()]), acting=acting)

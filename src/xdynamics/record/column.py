@@ -136,7 +136,11 @@ class Units:
             block.name: spell(reacting[block.first], angle=True)  # J would be a torque
             for block in (layout.multipliers + layout.reactions).blocks
         }
-        self.known |= {schema.rate(name): state.unit.per(time) for name, state in declared.states.items()}
+        self.known |= {
+            name: state.unit.per(time)
+            for of, state in declared.states.items()
+            for name in (schema.rate(of), *(schema.rate_term(term, of) for term in state.terms))
+        }
         self.known |= {name: drive.table.value_unit for name, drive in declared.drives.items()}
 
     def factor(self, unit: Unit) -> float:
@@ -148,6 +152,8 @@ class Units:
         layout, name = self.about.layout, block.name
         if name in schema.ENERGIES:
             return spell(layout.energy_dimension or NONE)
+        if name in self.known:  # a term of a rate
+            return self.known[name]
         if block.first in layout.gaps:
             return spell(dimension_of(layout.gaps[block.first], self.about.model.elements.dimensions))
         observable = self.about.model.statement.observed.get(name)
@@ -275,6 +281,9 @@ def of_first_order(about: ColumnContext) -> Iterator[tuple[Quantity, str]]:
         else:
             yield state, long_name
             yield rate, f"rate of {state.name}"
+            for term in model.statement.states[state.name].terms:
+                block = layout.rate_terms.block(schema.rate_term(term, state.name))
+                yield block._replace(role="rate_term"), f"term {term} of the rate of {state.name}"
 
 
 def of_constraints(about: ColumnContext) -> Iterator[Column]:

@@ -30,6 +30,7 @@ ALONG_STEPS = (
     "acceleration",
     "state",
     "rate",
+    "rate_term",
     "force",
     "reaction",
     "multiplier",

@@ -397,7 +397,13 @@ def _observable_columns(about: ColumnContext, uncertainty: Callable[[LogBlock], 
         slopes = np.abs(block.log.rates[lines, : block.events]).T.reshape(-1, *shape)
         return multiply_values(slopes, factor) * uncertainty(block).reshape(-1, *[1] * len(shape))
 
-    other_columns = {*schema.ENERGIES, *layout.gaps, *layout.constraint_outputs, *layout.shares}
+    other_columns = {
+        *schema.ENERGIES,
+        *layout.rate_terms,
+        *layout.gaps,
+        *layout.constraint_outputs,
+        *layout.shares,
+    }
     observed = (
         [quantity for quantity in layout.computed.blocks if quantity.first not in other_columns]
         if layout.watched

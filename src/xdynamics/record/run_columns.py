@@ -196,7 +196,11 @@ def _step_columns(about: ColumnContext) -> list[Column]:
     for (term, name), force in zip(term_components, layout.forces.blocks, strict=True):
         label = model.elements.forces[term].description or term
         add_column(force, f"component of force {label} along {name}", units.known[force.name])
-    for entry in (b for b in layout.computed.blocks if b.first not in {*layout.constraint_outputs, *layout.shares}):
+    for entry in (
+        b
+        for b in layout.computed.blocks
+        if b.first not in {*layout.rate_terms, *layout.constraint_outputs, *layout.shares}
+    ):
         name = entry.name
         role = "energy" if name in schema.ENERGIES else "gap" if entry.first in layout.gaps else "observable"
         noun = "gap of contact" if role == "gap" else "observable"

@@ -129,3 +129,47 @@ def test_what_is_wrong_with_terms_is_named(old: str, new: str, said: str) -> Non
     """Assert one error that names the state, its term, and what is wrong."""
     with pytest.raises(xd.ModelError, match=said.replace("?", r"\?")):
         xd.Model.from_text(ROOM.replace(old, new))
+
+
+@pytest.mark.parametrize("method", ["dop853", "taylor", "radau_iia"])
+def test_each_term_is_a_variable_and_they_sum_to_the_rate(method: str) -> None:
+    """Assert the closed form of each term, 0 where its regime is over, and that all together are the rate."""
+    run = xd.simulate(xd.Model.from_text(ROOM), method=method, **CHOSEN)
+    on = run.regime.values == 0
+    assert run.term_heater_T.values == pytest.approx(on * 0.01, rel=1e-15)
+    assert run.term_loss_T.values == pytest.approx(-(run.T.values - 280.0) / 3600.0, rel=1e-15)
+    assert (run.term_heater_T + run.term_loss_T).values == pytest.approx(run.rate_T.values, rel=1e-15)
+    assert run.term_heater_T.attrs["units"] == run.rate_T.attrs["units"]
+    assert run.term_heater_T.attrs["role"] == "rate_term"
+
+
+def test_terms_have_their_share_while_the_rate_slides(tmp_path: Path) -> None:
+    """Assert that at the one threshold the heater gives what is lost, in the run and in its file."""
+    run = xd.simulate(xd.Model.from_text(ROOM.replace("292*kelvin", "294*kelvin")), method="dop853", **CHOSEN)
+    assert run.term_heater_T.values[-1] == pytest.approx(14.0 / 3600.0, rel=1e-12)
+    assert run.term_loss_T.values[-1] == pytest.approx(-14.0 / 3600.0, rel=1e-12)
+    xd.save(run, tmp_path / "room.nc")
+    assert xd.reproduce(tmp_path / "room.nc").attrs["identical"] == 1
+
+
+def test_terms_of_elements_stand_along_their_dimension() -> None:
+    """Assert two terms of three sites against closed forms, in the order of their names."""
+    text = """
+    name = "Sites"
+    [dimensions]
+    site = 3
+    [states.T]
+    unit = "K"
+    dims = ["site"]
+    terms = { heat = "index(site)*kelvin/hour", loss = "-(T - 280*kelvin)/hour" }
+    [initial]
+    T = "300 K"
+    [run]
+    until = "2 h"
+    """
+    run = xd.simulate(xd.Model.from_text(text), method="dop853", **CHOSEN)
+    assert run.term_heat_T.dims == ("step", "site")
+    assert run.term_heat_T.values[-1] == pytest.approx([0.0, 1 / 3600.0, 2 / 3600.0], rel=1e-15)
+    expected = [(280.0 + k + (20.0 - k) * math.exp(-2.0)) for k in range(3)]
+    assert run.T.values[-1] == pytest.approx(expected, rel=1e-9)
+    assert run.term_loss_T.values == pytest.approx(-(run.T.values - 280.0) / 3600.0, rel=1e-14)

@@ -19,7 +19,7 @@ from xdynamics.methods.scheme import PRECISIONS, REINTEGRATE, RULES
 from xdynamics.model import Model
 from xdynamics.model.switches import smooth_switches
 from xdynamics.model.toml import section_tables
-from xdynamics.units import Quantity, Unit, time_in
+from xdynamics.units import Quantity, Unit, parse_quantity, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 
 FEWEST = 2  # levels
 MOST = 24  # levels, if they are added until changes are small
+FINER = {"step": (2, 4), "rtol": (10, 100)}  # what one step, or one tolerance, is divided by in an example
 LOCATED = ("events", "contacts", "frictions")  # sections whose entries have time tolerances
 
 
@@ -117,9 +118,12 @@ class Levels:
         """
         varied_candidates = [candidate for candidate in ALL if choices[candidate.keyword] is not None]
         if len(varied_candidates) != 1:
+            example = next(
+                (_example(key, shared_settings[key]) for key in ("step", "rtol") if key in shared_settings), ""
+            )
             raise InputError(
                 f"refine needs {', '.join(f'{candidate.keyword}=[…]' for candidate in ALL[:-1])} or rules=[…], one of"
-                " them"
+                f" them{example}"
             )
         varied, values = varied_candidates[0], choices[varied_candidates[0].keyword]
         if isinstance(values, str | float | int):
@@ -242,6 +246,17 @@ def absolute_tolerances(model: Model, settings: dict[str, Any], ratio: float = 1
         first = model.shapes.first(name) if name in dims else name
         scaled[name] = Quantity(ratio * tolerance, Unit("", model.elements.dimensions[first]))
     return {"atol": scaled} if scaled else {}
+
+
+def _example(key: str, value: Any) -> str:
+    """Return how to refine where one step, or one tolerance, was given."""
+    try:
+        given = parse_quantity(str(value))
+    except InputError:
+        return ""
+    finer = [str(replace(given, value=given.value / factor)).removesuffix(" 1") for factor in FINER[key]]
+    levels = ", ".join(f'"{text}"' if " " in text else text for text in (str(value), *finer))
+    return f"; in the place of {key} = {value!r}, say, {key}s=[{levels}]"
 
 
 def _read_level_value(model: Model, varied: Varied, value: Any) -> Any:
