@@ -188,6 +188,7 @@ TEXT_FORM = "text_form"
 FLAG_ATTRIBUTES = ("flag_values", "flag_meanings")
 # what a record in memory was before anybody could edit it; not in files
 ORIGIN = "origin"
+SAMPLED = "sampled"  # entry of the encoding of states at chosen times: the run that they are of
 STAGE = "stage"  # entry of the encoding of what is not computed yet: how it is made
 # of what is no run: a text that says how it was made, and of a part of a run which part; content digests of the run
 DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL = (

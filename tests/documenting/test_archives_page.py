@@ -164,7 +164,7 @@ def test_runs_of_other_shapes_are_sampled(tmp_path: Path) -> None:
 def test_states_at_times_are_no_run(tmp_path: Path) -> None:
     """Assert that saving them names what archives the run, and what keeps them alone."""
     states = xd.simulate(ball(), times=TIMES)
-    with pytest.raises(xd.InputError, match=r"states at times .* no run: .* path='run.nc'\); states.to_netcdf"):
+    with pytest.raises(xd.InputError, match=r"states at times .* no run: path='run.nc' .*; states.to_netcdf"):
         xd.save(states, tmp_path / "states.nc")
     states.to_netcdf(tmp_path / "states.nc")
     with xr.open_dataset(tmp_path / "states.nc") as kept:

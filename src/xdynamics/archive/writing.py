@@ -489,8 +489,8 @@ def _declare_standing(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         and "solver_interpolation" in run.attrs
     ):
         raise InputError(
-            "these are states at times that were asked for, and no run: the run itself is archived by"
-            " simulate(…, times=…, path='run.nc'); states.to_netcdf('states.nc') keeps these alone, without digests"
+            "these are states at times that were asked for, and no run: path='run.nc' beside times, or t_eval, archives"
+            " the run itself; states.to_netcdf('states.nc') keeps these alone, without digests"
         )
     if derived is None:
         record.check(run, whole=False)

@@ -19,6 +19,11 @@ REMEDY = (
     "what is computed is one expression, so a random draw, a counter, a clock or anything else that changes would be"
     " frozen at its first value: make such numbers before, and hand them over in args"
 )
+OF_MEMORY = (
+    "it remembers what it did, and a right-hand side is of t and y alone: a switch, a stage or a largest value is a regime"
+    " or a state of a Model, which events change (`xdynamics help scipy`, what a function remembers);"
+    " make numbers that are drawn or counted before, and hand them over in args"
+)
 
 
 class WrittenArgumentError(InputError):
@@ -66,7 +71,9 @@ def _are_equal_floats(first: Any, second: Any) -> bool:
     return plain and (first == second or first != first)
 
 
-def check_repeats(function_name: str, words: Sequence[str], first: Sequence[Node], second: Sequence[Node]) -> None:
+def check_repeats(
+    function_name: str, words: Sequence[str], first: Sequence[Node], second: Sequence[Node], remedy: str = REMEDY
+) -> None:
     """Refuse a function whose two traces with equal names differ.
 
     Parameters
@@ -77,6 +84,8 @@ def check_repeats(function_name: str, words: Sequence[str], first: Sequence[Node
         What each of its values is called.
     first, second : sequence of Node
         The expressions of both traces.
+    remedy : str
+        What to do, for the message.
 
     Raises
     ------
@@ -84,12 +93,12 @@ def check_repeats(function_name: str, words: Sequence[str], first: Sequence[Node
         With both expressions, from where they differ.
     """
     if len(first) != len(second):
-        raise InputError(f"{function_name} returns {len(first)} values and, called again, {len(second)}; {REMEDY}")
+        raise InputError(f"{function_name} returns {len(first)} values and, called again, {len(second)}; {remedy}")
     for word, node, repeated in zip(words, first, second, strict=True):
         if node != repeated:
             texts = _excerpts_at_difference(text_of(node), text_of(repeated))
             raise InputError(
-                f"{function_name} gives {word} as '{texts[0]}' and, called again, as '{texts[1]}'; {REMEDY}"
+                f"{function_name} gives {word} as '{texts[0]}' and, called again, as '{texts[1]}'; {remedy}"
             )
 
 

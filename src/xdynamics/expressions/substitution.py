@@ -9,11 +9,12 @@ import builtins
 import math
 from collections.abc import Callable, Mapping
 from functools import partial, reduce
-from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
+from types import BuiltinFunctionType, CellType, FunctionType, MethodType, ModuleType
 from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.memory import names_in
 from xdynamics.expressions.traced_arrays import (
     Points,
     UniversalFunction,
@@ -79,7 +80,7 @@ class Substitution:
         self._known[id(function)] = function, new
         if function.__defaults__:
             new.__defaults__ = tuple(map(self.substitute, function.__defaults__))
-        for word in _names(function.__code__):
+        for word in names_in(function.__code__):
             if word in function.__globals__:
                 scope[word] = self.substitute(function.__globals__[word])
         for cell, old in zip(cells, function.__closure__ or (), strict=True):
@@ -249,12 +250,6 @@ _MAKERS: dict[int, Callable[..., Any]] = {
     id(np.full): lambda shape, value, *_, **__: array_of(np.full(shape, value, object)),
     **{id(function): _array for function in (np.array, np.asarray)},
 }
-
-
-def _names(code: CodeType) -> set[str]:
-    """Return the names that a function's code, and that of functions inside it, reads."""
-    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    return {*code.co_names}.union(*map(_names, inner))
 
 
 def table_values(tables: Mapping[str, Points], t: float) -> dict[str, float]:

@@ -269,6 +269,10 @@ def _repeated(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:
     folded = xp % period
     order = np.argsort(folded)
     folded, values = folded[order], fp[order]
+    distinct = np.append(
+        True, (np.diff(folded) != 0.0) | (np.diff(values) != 0.0)
+    )  # both ends of a period are one point
+    folded, values = folded[distinct], values[distinct]
     folded = np.concatenate([[folded[-1] - period], folded, [folded[0] + period]])
     values = np.concatenate([[values[-1]], values, [values[0]]])
     return _map_elements(lambda value: value % period, x), folded, values

@@ -30,6 +30,7 @@ from xdynamics.model.controllers import pending
 from xdynamics.model.joints import made_by_joints
 from xdynamics.reaction_names import JOINT, constraint_force
 from xdynamics.record import check
+from xdynamics.record.run_dataset import chosen_times_remedy
 from xdynamics.record.schemas import ending_words, is_whole, log_description, rows_apart
 from xdynamics.schema import HELD, STEPS, velocity
 from xdynamics.shapes import display_text, split_element_name
@@ -144,7 +145,7 @@ def panels_and_omissions(
         If the Dataset has no recorded times, or nothing that was asked for.
     """
     if "time" not in run.variables or run.variables["time"].dims != (STEPS,):
-        raise InputError("plot needs a run record with 'time' along 'step'")
+        raise InputError(f"plot needs a run record with 'time' along 'step'{chosen_times_remedy(run)}")
     if not run.variables["time"].size:
         raise InputError("there is nothing to draw: the record has no rows")
     check(run, whole=False, values=False)

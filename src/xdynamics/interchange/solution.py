@@ -16,7 +16,7 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.named_rows import rows_of_events
-from xdynamics.schema import AT, EVENTS, IMAGINARY_PART, INTEGRATED, REAL_PART, STEPS
+from xdynamics.schema import AT, EVENTS, IMAGINARY_PART, INTEGRATED, REAL_PART, SAMPLED, STEPS
 
 Floats = NDArray[np.float64]
 COMPLETED, STOPPED, FAILED = 0, 1, -1
@@ -111,10 +111,11 @@ def solution(run: xr.Dataset) -> Solution:
     t, y = np.asarray(run[times].values, float), _state_rows(run, names)
     last = np.append(np.diff(t) > 0, True) if row_dim == STEPS else np.ones(len(t), bool)
     t_events, y_events = _events_by_detector(run, y if row_dim == STEPS else None, names)
-    sol = partial(_states_between, run, names) if row_dim == STEPS else _not_between
+    whole = run if row_dim == STEPS else run.encoding.get(SAMPLED)
+    sol = _not_between if whole is None else partial(_states_between, whole, names)
     outcome, message = str(run.attrs.get("run_outcome", "completed")), str(run.attrs.get("run_outcome_text", ""))
     elements = _complex_names(names) or [label for name in names for label in _element_labels(run, name)]
-    counts = (int(run.attrs.get(f"run_{name}", 0)) for name in EVALUATIONS)
+    counts = (int((run if whole is None else whole).attrs.get(f"run_{name}", 0)) for name in EVALUATIONS)
     return Solution(
         t[last], y[:, last], sol, t_events, y_events, OUTCOMES.get(outcome, FAILED), message, tuple(elements), *counts
     )
@@ -175,7 +176,7 @@ def _not_between(_: Any) -> Floats:
         Always: a record alone has them.
     """
     raise InputError(
-        "states at chosen times have none between them; leave t_eval out, and take solution.sol of the record"
+        "states at chosen times have none between them; give dense_output=True beside t_eval, or leave t_eval out"
     )
 
 

@@ -378,6 +378,16 @@ def check_single(run: xr.Dataset) -> None:
         )
 
 
+def chosen_times_remedy(states: Any) -> str:
+    """Return the remedy where a Dataset has the states of a run at chosen times alone."""
+    if f"{schema.AT}_time" not in getattr(states, "variables", ()):
+        return ""
+    return (
+        "; these are a run's states at chosen times: leave times, or t_eval, out, and of the run that comes back"
+        " run.dynamics.at([…]) gives them"
+    )
+
+
 def check_kind(run: Any) -> None:
     """Check that an object looks like a run record with all its elements, without reading its values.
 
@@ -392,7 +402,7 @@ def check_kind(run: Any) -> None:
     attributes = ("solver_method", "solver_estimator", "solver_interpolation")
     missing += [name for name in attributes if name not in getattr(run, "attrs", ())]
     if missing:
-        raise InputError(f"this is no run record: it has no {', '.join(missing)}")
+        raise InputError(f"this is no run record: it has no {', '.join(missing)}{chosen_times_remedy(run)}")
     check_single(run)
     if run["time"].dims != (schema.STEPS,) or not run["time"].size:
         raise InputError(

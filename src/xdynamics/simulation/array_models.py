@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import Along, Call, Compare, Element, Name, Node, Number, text_of
 from xdynamics.expressions.element_folding import IrregularError, Unfolding, term_count
-from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers, check_repeats, check_unwritten
+from xdynamics.expressions.memory import Memory
+from xdynamics.expressions.repeating import NEGLIGIBLE, OF_MEMORY, check_numbers, check_repeats, check_unwritten
 from xdynamics.expressions.substitution import Substitution, table_values
 from xdynamics.expressions.traced_arrays import Points, array_of
 from xdynamics.expressions.tracing import Traced, WholeNumberError, joined_branches, node_of, traced, traced_name
@@ -233,23 +234,43 @@ def write_each(
     fun, *events = functions
     arguments = [tables.substitute(argument) for argument in arguments]
     t = traced_name("t") / traced_name("second")
-    rates = _checked_rates(fun, call_with_names(fun, tables, t, y, arguments), len(words))
+    rates = _checked_rates(fun, call_with_names(fun, tables, t, y, arguments, "a rate"), len(words))
     yield WrittenFunction(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
     for event in events:
         yield WrittenFunction(event, ("its value",), (call_with_names(event, tables, t, y, arguments),))
 
 
-def call_with_names(function: RightSide, tables: Substitution, t: Traced, y: Any, arguments: list[Any]) -> Any:
-    """Call a function with traced numbers, and refuse a function that writes into y."""
+def call_with_names(
+    function: RightSide, tables: Substitution, t: Traced, y: Any, arguments: list[Any], noun: str = "its value"
+) -> Any:
+    """Call a function with traced numbers; refuse one that writes into y, and one whose result is of what it remembers."""
     substitute = tables.substitute(function)
+    memory = Memory((substitute, arguments))
 
-    def call() -> Any:
-        y_copy = y.copy()
-        rates = traced(substitute, t, y_copy, *arguments)
-        check_unwritten(function_name(function), y, y_copy)
-        return rates
+    def result_from(contents: dict[Any, Any] | None = None) -> Any:
+        def call() -> Any:
+            y_copy = y.copy()
+            memory.recall(contents)
+            rates = traced(substitute, t, y_copy, *arguments)
+            memory.note()
+            check_unwritten(function_name(function), y, y_copy)
+            return rates
 
-    return joined_branches(call)
+        return joined_branches(call)
+
+    try:
+        result = result_from()
+        for contents in [*memory.seen]:
+            first, second = (_nodes_of(rates) for rates in (result, result_from(contents)))
+            check_repeats(function_name(function), [noun] * len(first), first, second, OF_MEMORY)
+    finally:
+        memory.recall()
+    return result
+
+
+def _nodes_of(result: Any) -> list[Node]:
+    """Return what a function returned as expressions."""
+    return [node_of(number) for number in np.asarray(result, object).ravel().tolist()]
 
 
 def call_with_numbers(function: RightSide, t: float, y: Floats, row: list[Any]) -> Any:

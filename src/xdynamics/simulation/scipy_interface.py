@@ -12,6 +12,7 @@ from warnings import warn
 import numpy as np
 
 from xdynamics.expressions import text_of
+from xdynamics.expressions.memory import Memory
 from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers, check_unwritten
 from xdynamics.expressions.substitution import Substitution, table_values
 from xdynamics.expressions.traced_arrays import array_of
@@ -21,7 +22,7 @@ from xdynamics.keywords import keyword_hint
 from xdynamics.march.configuration import DEFAULT_RTOL, settings_for
 from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model
-from xdynamics.schema import IMAGINARY_PART, REAL_PART
+from xdynamics.schema import IMAGINARY_PART, REAL_PART, SAMPLED
 from xdynamics.simulation.array_models import (
     Floats,
     RightSide,
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 SAME = {"RK45": "dormand_prince", "RK23": "bogacki_shampine", "DOP853": "dop853", "Radau": "radau_iia"}
 NEAR = {"LSODA": "radau_iia", "BDF": "radau_iia"}
 # scipy's options that change nothing: states between steps are in any record, derivatives are those of the expressions
-WITHOUT_EFFECT = ("dense_output", "vectorized", "jac", "jac_sparsity", "lband", "uband")
+WITHOUT_EFFECT = ("vectorized", "jac", "jac_sparsity", "lband", "uband")
 MOST_NAMED = 10  # numbers that get a name each, where their function is written with arrays
 
 
@@ -123,17 +124,22 @@ def solve(
     >>> run.attrs["run_outcome"], float(run.rho), round(float(run.x[-1]), 4)
     ('completed', 28.0, -9.3786)
     """
+    between = bool(
+        settings.pop("dense_output", False)
+    )  # with t_eval alone it has an effect: a run has states between rows
     settings = {option: value for option, value in settings.items() if option not in WITHOUT_EFFECT}
     known = [*inspect.signature(simulate).parameters, "first_step"]
     if unknown := next((option for option in settings if option not in known), ""):
-        raise InputError(f"solve has no '{unknown}'; {keyword_hint(unknown, [*known, *WITHOUT_EFFECT])}")
+        raise InputError(
+            f"solve has no '{unknown}'; {keyword_hint(unknown, [*known, 'dense_output', *WITHOUT_EFFECT])}"
+        )
     if settings.get("max_step") == np.inf:
         del settings["max_step"]
     if (first := settings.pop("first_step", None)) is not None:
         settings["step"] = first
     if (first is not None or "max_step" in settings) and not {"rtol", "atol"} & {*settings}:
         settings["rtol"] = DEFAULT_RTOL  # scipy's solvers choose their steps, whatever the first is
-    model = model_of_function(fun, t_span, y0, args, events, names, units)
+    model = model_of_function(fun, t_span, y0, () if args is None else args, events, names, units)
     if not isinstance(settings.get("atol", 0.0), str | int | float | Mapping) and settings["atol"] is not None:
         states, tolerances = [*model.elements.statement.states], [float(number) for number in settings["atol"]]
         if np.iscomplexobj(y0):
@@ -143,13 +149,15 @@ def solve(
             raise InputError(f"atol has {given} numbers, and y0 {needed}; give one, or one for each")
         settings["atol"] = dict(zip(states, tolerances, strict=True))
     settings |= {"method": _method_name(method), "until": t_span[1] if isinstance(t_span[1], str) else float(t_span[1])}
-    if t_eval is None or not model.events:
+    if t_eval is None or not (model.events or between):
         return simulate(model, times=t_eval, path=path, **settings)
     sample_times = times_within(
         t_eval, model.time_unit, model.statement.initial["t"].si, settings_for(model, **settings).until
     )
     run = simulate(model, path=path, **settings)
-    return add_events(sampled_states(run, sample_times, model), run)
+    sampled = add_events(sampled_states(run, sample_times, model), run)
+    sampled.encoding[SAMPLED] = run
+    return sampled
 
 
 def model_of_function(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names: Any, units: Any) -> Model:
@@ -174,14 +182,26 @@ def model_of_function(fun: RightSide, t_span: Any, y0: Any, args: Any, events: A
         starts, unit_texts = starts + read_starts(np.atleast_1d(np.imag(y0)), units)[0], 2 * unit_texts
     else:
         starts, unit_texts = read_starts(y0, units)
+    memory = Memory((functions, args))  # which calls with numbers may change
+    try:
+        sections = _sections_of(functions, names, starts, unit_texts, t_span, args)
+    finally:
+        memory.recall()
+    sections["initial"]["t"] = t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"
+    return Model(name=function_name(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], **sections)
+
+
+def _sections_of(
+    functions: list[RightSide], names: Any, starts: list[str], unit_texts: list[str], t_span: Any, args: Any
+) -> dict[str, Any]:
+    """Return the sections of a model, of which every number has a name, or all have one."""
     sections = None
     if isinstance(names, str) or (names is None and len(starts) > MOST_NAMED):
         sections = array_sections(functions, names, starts, unit_texts, t_span, args)
         names = None
     if sections is None:
         sections = named_sections(functions, names, starts, unit_texts, t_span, args)
-    sections["initial"]["t"] = t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"
-    return Model(name=function_name(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], **sections)
+    return sections
 
 
 def _checked_names(names: Sequence[str] | str | None, count: int) -> list[str]:
