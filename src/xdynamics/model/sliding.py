@@ -21,7 +21,7 @@ from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.model.model import Model
-from xdynamics.model.motion import constants, motion, variables
+from xdynamics.model.motion import motion, probe_states, variables
 from xdynamics.model.parts import ACTIONS, Event, Function
 from xdynamics.model.regime_model import RegimeModel, regime_model, watched_by
 from xdynamics.model.regimes import REGIME_NUMBER
@@ -31,11 +31,6 @@ from xdynamics.runtime.lazy_imports import cached_property
 REFERENCE = "Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2"
 TO_REGIME = ACTIONS[2]
 MOST_AT_ONCE = 3  # surfaces that a motion slides along at a time
-_PROBES = (
-    (0.7310, 0.3176),
-    (1.2391, 0.5143),
-    (0.4127, 0.8869),
-)  # first value, and ratio to the next: three odd states, with odd parameters
 _EQUAL = 1e-12  # of ratios at these
 
 
@@ -160,11 +155,7 @@ def _sign_of_factor(model: Model, first: Node, second: Node) -> int:
     if first == second:
         return 1
     ratios = set[float]()
-    for value, ratio in _PROBES:
-        values = dict(constants(model)) | {"t": value}
-        for name in (*variables(model), *model.elements.statement.parameters):
-            value = (value * ratio + 0.3) % 1.0  # noqa: PLW2901
-            values[name] = value
+    for values in probe_states(model):
         try:
             ratios.add(evaluate(second, values) / evaluate(first, values))
         except (ArithmeticError, KeyError, ValueError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
 from math import sqrt
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.faults import InputError, brief_repr
 from xdynamics.model.table_keys import read_choice
-from xdynamics.units import Quantity, Scale, parse_quantity, unit_text
+from xdynamics.units import Quantity, Scale, parse_quantity, parse_unit, unit_text
 
 NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT = "normal", "rectangular", "triangular", "arcsine", "t"
 DISTRIBUTIONS = (NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT)
@@ -25,6 +26,8 @@ SIZES = ("uncertainty", "half_width")
 _BETWEEN = re.compile(r"±|\+/-|\+-")
 _LAST_DIGITS = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\((\d+)\)([^()]*)")
 _SCALED = re.compile(r"\s*\(\s*([^()\s]+)\s*(?:±|\+/-|\+-)\s*([^()\s]+)\s*\)([^()]*)")
+_PERCENT = re.compile(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*(?:%|percent\b)\s*(.*)")
+_PERCENTS = ("%", "percent")
 NOTHING = 1e-12  # a remaining variance that counts as zero
 
 Floats = NDArray[np.float64]
@@ -98,6 +101,8 @@ def split_uncertainty(text: Any) -> tuple[str, str] | None:
     --------
     >>> split_uncertainty("50 ± 0.5 g"), split_uncertainty("50 g ± 500 mg"), split_uncertainty("(1.23 ± 0.15)e-6 kg")
     (('50 g', '0.5 g'), ('50 g', '500 mg'), ('1.23e-6 kg', '0.15e-6 kg'))
+    >>> split_uncertainty("100 N/m ± 5 %"), split_uncertainty("100 ± 5% N/m")
+    (('100 N/m', '5 N/m'), ('100 N/m', '5 N/m'))
     >>> split_uncertainty("6.67430(15)e-11 m3 kg-1 s-2")
     ('6.67430e-11 m3 kg-1 s-2', '0.00015e-11 m3 kg-1 s-2')
     """
@@ -115,8 +120,34 @@ def split_uncertainty(text: Any) -> tuple[str, str] | None:
     if (match := _BETWEEN.search(text)) is None:
         return None
     value, size = text[: match.start()].strip(), text[match.end() :].strip()
+    if relative := _PERCENT.fullmatch(size):
+        return _of_percent(value, *relative.groups())
     parse_quantity(size)
     return value if unit_text(value) else f"{value} {unit_text(size) or 1}", size
+
+
+def _of_percent(value: str, percent: str, unit_suffix: str) -> tuple[str, str]:
+    """Return a value and its uncertainty, which is given as a part of it: ``100 N/m ± 5 %``, ``100 ± 5 % N/m``.
+
+    Raises
+    ------
+    InputError
+        If both have a unit, or neither, of which percent may then be one.
+    """
+    number, unit = value.removesuffix(unit_text(value)).strip(), unit_text(value)
+    if unit in _PERCENTS and not unit_suffix:  # both are in percent
+        return value, f"{percent} {unit}"
+    given = unit or unit_suffix
+    try:
+        half = abs(Decimal(number) * Decimal(percent) / 100)
+    except InvalidOperation:
+        raise InputError(f"{value!r} ± {percent} % has no number that percent could be of") from None
+    if (unit and unit_suffix) or not given:
+        example = f"{value} ± {percent} %" if given else f"{value} ± {half.normalize():f}"
+        problem = "has two units" if given else "has no unit, and may mean percent of it, or in percent"
+        raise InputError(f"'{value} ± {percent} % {unit_suffix}'".replace(" '", "'") + f" {problem}; write '{example}'")
+    parse_unit(given)  # a scale with another zero has no part
+    return f"{number} {given}", f"{half} {given}"
 
 
 def read_spread(entry: Mapping[str, Any], value: Quantity, scale: Scale | None = None) -> Spread | None:

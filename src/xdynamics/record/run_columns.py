@@ -18,6 +18,7 @@ from xdynamics.keywords import FULL, STATES
 from xdynamics.march import LogBlock, March, Settings
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
+from xdynamics.model.motion import kinetic_as_written
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.model.sliding import surfaces
@@ -207,6 +208,8 @@ def _step_columns(about: ColumnContext) -> list[Column]:
         owner = name.removeprefix(reaction_names.contact_gap("")) if role == "gap" else name
         observed = model.statement.observed.get(name)
         description = observed.description if observed else schema.ENERGIES.get(name)
+        if name == "kinetic_energy" and kinetic_as_written(model) is not None:
+            description = "kinetic energy as it was written, with what is linear in velocities and free of them"
         add_column(entry._replace(role=role), description or f"{noun} {owner}", units.derived(entry))
     for entry in layout.reactions.blocks:
         first = layout.reactions.offset_of(entry.name)
