@@ -16,6 +16,7 @@ from xdynamics.archive.target import taking_path_name
 from xdynamics.budgeting import certificate as certificates
 from xdynamics.budgeting.numerical import march_own_run
 from xdynamics.documenting import carried_wheel
+from xdynamics.documenting.equations import plain_markdown
 from xdynamics.evidence.evidence_dataset import stated_value
 from xdynamics.evidence.validating.ledger import validate
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
@@ -211,10 +212,10 @@ def _readme(certificate: xr.Dataset, name: str, wheel: str) -> str:
     """Describe the bundle: its number, its files, and how to reproduce it."""
     described = SAID | {wheel: carried_wheel.ABOUT}
     files = "\n".join(f"* `{file}`: {description}" for file, description in described.items() if file != README)
-    gates = "\n".join(f"* {line}" for line in certificates.certificate_lines(certificate)[1:-2])
-    return f"""# {certificate.attrs["title"]}
+    gates = "\n".join(f"* {plain_markdown(line)}" for line in certificates.certificate_lines(certificate)[1:-2])
+    return f"""# {plain_markdown(certificate.attrs["title"])}
 
-{certificate.attrs["of"]} = {stated_value(certificate, "result")}
+{plain_markdown(certificate.attrs["of"])} = {stated_value(certificate, "result")}
 
 {gates}
 

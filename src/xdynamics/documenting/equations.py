@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -18,6 +19,12 @@ from xdynamics.schema import velocity
 from xdynamics.shapes.naming import display_text
 
 POINTS = 14  # of a formula
+_TAG = re.compile(r"<(?=[A-Za-z/!?])")
+
+
+def plain_markdown(text: str) -> str:
+    """Return a text that Markdown shows as it is: somebody's tags and links are none."""
+    return _TAG.sub("&lt;", text).replace("](", "]\\(")
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,7 @@ class Paragraph:
 
     def markdown(self) -> str:
         """Return the paragraph as Markdown."""
-        return f"{f'**{self.strong}** ' if self.strong else ''}{self.text}"
+        return f"{f'**{plain_markdown(self.strong)}** ' if self.strong else ''}{plain_markdown(self.text)}"
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,7 @@ class Formula:
 
     def markdown(self) -> str:
         """Return the formula as Markdown."""
-        return f"{f'{self.caption}: ' if self.caption else ''}$${self.latex}$$"
+        return f"{f'{plain_markdown(self.caption)}: ' if self.caption else ''}$${_TAG.sub('{<}', self.latex)}$$"
 
 
 @dataclass(frozen=True)
@@ -74,7 +81,8 @@ class TextTable:
         """Return the table as Markdown."""
         lines = [self.header, ["---"] * len(self.header), *self.rows]
         return "\n".join(
-            "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row) + " |" for row in lines
+            "| " + " | ".join(plain_markdown(cell).replace("|", "\\|").replace("\n", " ") for cell in row) + " |"
+            for row in lines
         )
 
 
@@ -94,7 +102,7 @@ class PictureBlock:
 
     def markdown(self) -> str:
         """Return the block as Markdown with the picture embedded."""
-        return f"![{self.caption}]({_embedded(self.content, 'png')})"
+        return f"![{plain_markdown(self.caption)}]({_embedded(self.content, 'png')})"
 
 
 @dataclass(frozen=True)
@@ -156,9 +164,10 @@ def html_document(title: str, lead: str, sections: Sequence[PageSection]) -> str
 def markdown_document(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     """Return a document as one Markdown file with pictures embedded."""
     body = "\n\n".join(
-        f"## {section.title}\n\n" + "\n\n".join(block.markdown() for block in section.blocks) for section in sections
+        f"## {plain_markdown(section.title)}\n\n" + "\n\n".join(block.markdown() for block in section.blocks)
+        for section in sections
     )
-    return f"# {title}\n\n{lead}\n\n{body}\n"
+    return f"# {plain_markdown(title)}\n\n{plain_markdown(lead)}\n\n{body}\n"
 
 
 def formula_svg(latex: str) -> bytes:

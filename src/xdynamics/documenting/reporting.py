@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from xdynamics import archive
 from xdynamics.archive.folder_store import check_target, made_folder, taking_name
 from xdynamics.archive.store import Given, Place, check_file_name, location_of
+from xdynamics.documenting.equations import plain_markdown
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.cluster import Tell, connected
 from xdynamics.evidence.stages import compute_datasets
@@ -280,9 +281,9 @@ def _page_of(folder: Place, name: str, record: xr.Dataset | dict[str, xr.Dataset
     datasets = (
         {f"{name}_{key}": dataset for key, dataset in record.items()} if isinstance(record, dict) else {name: record}
     )
-    yield from (f"## {name.replace('_', ' ')}", "")
+    yield from (f"## {plain_markdown(name.replace('_', ' '))}", "")
     if figure := _draw_figure(folder, name, record):
-        yield from (f"![{name}]({figure})", "")
+        yield from (f"![{plain_markdown(name)}]({figure})", "")
     for key, dataset in datasets.items():
         path = archive.save(dataset, folder / f"{key}.nc")
         yield from ("```", *summary(dataset), f"archive   {path.name}, {archive.verify(path).digest}", "```", "")

@@ -36,6 +36,7 @@ from xdynamics.expressions.tree import (
     is_condition,
     junction,
     opposite,
+    text_of,
     truth_as_number,
 )
 from xdynamics.faults import InputError
@@ -204,6 +205,9 @@ class Traced(RecordedOperations):
         raise InputError(f"the function takes a number of a value that is not known yet, {PLAIN}; {REMEDY}, {TABLE}")
 
     __int__ = __float__
+
+    def __repr__(self) -> str:
+        return f"<{text_of(self.node)}: no number, the function is written down>"
 
     def __format__(self, spec: str) -> str:
         raise InputError("the function prints or formats a value that is not known yet; leave that out")

@@ -5,14 +5,17 @@ A failed test is explained by the coordinate, velocity or state that made it fai
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 
 from xdynamics import schema
-from xdynamics.expressions import CALLED_ALONE, Binary, Name, Node, text_of
+from xdynamics.expressions import CALLED_ALONE, Binary, Call, Name, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.tree import every, shortened_text
 from xdynamics.faults import display_text
 from xdynamics.march.accuracy_warnings import (
     accuracy_doubts,
@@ -53,7 +56,7 @@ from xdynamics.march.outcomes import (
 from xdynamics.march.runner import March
 from xdynamics.march.step_replay import replayed_evaluations, undefined_part
 from xdynamics.march.unlocated_switches import NOWHERE, PASSAGES, STEPS
-from xdynamics.model import Function
+from xdynamics.model import Function, Model
 from xdynamics.model.detectors import KINK, SWITCH, Detector
 from xdynamics.model.kinks import original_call
 from xdynamics.model.motion import constants
@@ -452,18 +455,43 @@ def _evaluation_failure(march: March, values: dict[str, float]) -> Failure | Non
                 return Failure(
                     OUTCOMES[schema.REASON_CONTACT], painleve_message(sliding, evaluate(sliding.size, values))
                 )
+    for name, tree in _trees_of(model).items():
+        if not isfinite(values[name]):
+            why = "" if isinstance(tree, Function) else undefined_part(model.elements.expanded(tree), values)
+            why = why if march.settings.scales == UNSCALED else ""  # only if numbers are SI
+            why = f": {why}" if why else _zero_divisor(march, name, values)
+            return Failure(NONFINITE_FORCE, f"{name} is {values[name]} {when}{why}")
+    return None
+
+
+def _trees_of(model: Model) -> dict[str, Node | Function]:
+    """Return the expressions of force components and rates, by their names in a law."""
     trees = {
         schema.force(term, name): tree
         for term, components in model.elements.force_components.items()
         for name, tree in components.items()
     }
-    trees |= {rate(name): state.rate for name, state in model.elements.statement.states.items()}
-    for name, tree in trees.items():
-        if not isfinite(values[name]):
-            why = "" if isinstance(tree, Function) else undefined_part(model.elements.expanded(tree), values)
-            why = why if march.settings.scales == UNSCALED else ""  # only if numbers are SI
-            return Failure(NONFINITE_FORCE, f"{name} is {values[name]} {when}" + (f": {why}" if why else ""))
-    return None
+    return trees | {rate(name): state.rate for name, state in model.elements.statement.states.items()}
+
+
+def _zero_divisor(march: March, name: str, state: Mapping[str, float]) -> str:
+    """Say which divisor of a force or rate is 0 at a state, as the distance is in the slope of a distance."""
+    model, tree = march.model, _trees_of(march.model).get(name)
+    if tree is None or isinstance(tree, Function) or march.settings.scales != UNSCALED:
+        return ""
+    values = {**constants(model), "t": float(march.run.now[0].t), **state}
+    for node in every(model.elements.expanded(tree)):
+        with suppress(KeyError, ArithmeticError, ValueError):
+            if isinstance(node, Binary) and node.operator == "/" and evaluate(node.right, values) == 0.0:
+                rooted = any(
+                    isinstance(inner, Call) and inner.function in ("sqrt", "hypot") for inner in every(node.right)
+                )
+                remedy = (
+                    "; it is divided by in the slope of a root: write the square of a distance by sums, x**2 + y**2 or"
+                    " sum(r**2, axis), or add a small length under the root"
+                )
+                return f": {shortened_text(node.right)} is 0 there{remedy if rooted else ', and it is divided by'}"
+    return ""
 
 
 def _outside_table_text(march: March, name: str, value: float) -> str:
@@ -498,10 +526,10 @@ def _state_failure(march: March, state: dict[str, float]) -> Failure:
     for name in (*layout.forces, *layout.used):
         if not isfinite(state[name]):
             outcome = NONFINITE_FORCE if name in layout.forces else NONFINITE
-            return Failure(outcome, f"{name} is {state[name]}")
+            return Failure(outcome, f"{name} is {state[name]}{_zero_divisor(march, name, state)}")
     for name in layout.rates:
         if not isfinite(state[name]):
-            return Failure(NONFINITE_FORCE, f"{name} is {state[name]}")
+            return Failure(NONFINITE_FORCE, f"{name} is {state[name]}{_zero_divisor(march, name, state)}")
     if why := undefined_contact(march):
         return Failure(OUTCOMES[schema.REASON_CONTACT], why)
     bad = [name for name in layout.accelerations if not isfinite(state[name])]

@@ -334,12 +334,16 @@ def _refuse_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]], duplic
 
 
 def value_and_slope(table: tuple[Floats, Floats], x: Any, *, of_time: bool) -> tuple[Any, Any]:
-    """Return value and slope of a table's piecewise polynomial at one or many arguments, as a march computes them."""
+    """Return value and slope of a table's piecewise polynomial at one or many arguments, as a march computes them.
+
+    A march that ends with a table of time has its last value there.
+    """
     origin, powers = table
     count = len(origin)
 
     def read_coefficient(row: int, piece: Any) -> Any:
         return powers[row - 1, piece] if row else origin[piece]
 
-    piece = (last_piece_begun if of_time else find_piece)(read_coefficient, count, x)
+    goes_on = of_time and np.isfinite(powers[3, -1])
+    piece = (last_piece_begun if goes_on else find_piece)(read_coefficient, count, x)
     return value_at(read_coefficient, x, piece), slope_at(read_coefficient, x, piece)

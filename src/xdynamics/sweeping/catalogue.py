@@ -365,11 +365,10 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
         if isinstance(catalogue, Path) and catalogue != folder:
             keep_open(catalogue)  # whoever reads the smaller sweep goes on with its file, which loses its name
     work = _unfinished_of(folder) / _work_name(plan.digest)
-    if other_work_folders := [path for path in unfinished_folders(folder) if path != work]:
-        raise InputError(
-            f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give"
-            f" it up by removing '{other_work_folders[0]}'"
-        )
+    for other_work in unfinished_folders(folder):
+        if other_work != work:
+            with lock_folder(other_work, folder):  # refused in other words while that one is written
+                raise InputError(_other_part_text(folder, other_work, has_catalogue=existing is not None))
     with lock_folder(store.made_folder(work), folder):
         blocks = [block for _, block in blocks_of(saved_or_new_chunks(plan, members, work))]
         parts = [work / f"{block_name(block)}.nc" for block in blocks]
@@ -384,6 +383,19 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
         # only now: blocks are all there is of the sweep until its catalogue has its name
         _remove_blocks(folder, plan.digest)
     return open_sweep(folder)
+
+
+def _other_part_text(folder: Place, work: Place, *, has_catalogue: bool) -> str:
+    """Return how to go on where a part of another sweep stands in a folder."""
+    how = (
+        f"'{work}' (`xdynamics verify {folder}` then names the runs that it left)"
+        if has_catalogue
+        else f"'{folder}' whole"
+    )
+    return (
+        f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give it up"
+        f" by removing {how}"
+    )
 
 
 def _check_reach(folder: Place) -> None:
