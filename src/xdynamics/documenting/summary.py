@@ -11,8 +11,10 @@ Of quantities with dimensions a summary shows the first elements: the rest is no
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from functools import wraps
+from itertools import combinations
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -23,11 +25,14 @@ from xdynamics.archive import without_stale_units
 from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.elementary.arrays import integral
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
-from xdynamics.expressions import free_names
+from xdynamics.expressions import Node, free_names
+from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import DOT, escaped
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES
 from xdynamics.methods.scheme import DOUBLE_DOUBLE
 from xdynamics.model import Function, Model
+from xdynamics.model.motion import constants
+from xdynamics.model.parts import APPROACH, NEWTON, POISSON
 from xdynamics.record import of_elements
 from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit_of, words_of_flag
@@ -45,6 +50,7 @@ from xdynamics.record.schemas import (
     rows_apart,
 )
 from xdynamics.record.unfolding import column_in_si
+from xdynamics.shapes.naming import display_text
 from xdynamics.units import SECONDS, unit_suffix
 from xdynamics.units.digits import OF_DOUBT, digits, with_uncertainty
 
@@ -92,7 +98,49 @@ def _velocity_forces(model: Model) -> dict[str, list[str]]:
     return forces
 
 
+def impact_law_remark(run: xr.Dataset) -> Iterator[str]:
+    """Name contacts that push each other and close at one instant: what follows is then a choice of the law of impacts."""
+    if "event_kind" not in run or "force_source" not in run or run.sizes.get(schema.EVENTS, 0) < 2:
+        return
+    impacts = np.flatnonzero(run["event_kind"].values == schema.IMPACT)
+    instants = run["event_row_before"].values[impacts]
+    at_once = impacts[np.isin(instants, [row for row, count in Counter(instants.tolist()).items() if count > 1])]
+    if not at_once.size:
+        return
+    model = model_of_record(run, None)
+    elements, names = model.elements, words_of_flag(run["event_detector"])
+    for row in dict.fromkeys(run["event_row_before"].values[at_once].tolist()):
+        together = [i for i in at_once.tolist() if run["event_row_before"].values[i] == row]
+        contacts = {names[i]: elements.contacts[names[i]] for i in together if names[i] in elements.contacts}
+        elastic = [
+            name
+            for name, contact in contacts.items()
+            if contact.law in (NEWTON, POISSON) and not _is_plastic(contact.restitution, model)
+        ]
+        read = [
+            free_names(elements.expanded(contacts[name].gap)) & {*elements.statement.coordinates} for name in elastic
+        ]
+        if not any(first & second for first, second in combinations(read, 2)):
+            continue
+        laws = " and ".join(dict.fromkeys(f"'{contacts[name].law}'" for name in elastic))
+        time = f"{float(run['event_time'].values[together[0]]):.6g}{unit_suffix(str(run['event_time'].attrs['units']))}"
+        text = (
+            f"{', '.join(map(display_text, elastic[:MOST_NAMED]))}{' …' if len(elastic) > MOST_NAMED else ''} closed at once"
+            f" at t = {time}, and push each other: what follows is chosen by the law {laws}, and other laws choose otherwise;"
+            " law = 'sequential' lets one strike after another, as hard balls do: `xdynamics help contacts`"
+        )
+        yield from textwrap.wrap(text, WIDTH, initial_indent="impacts   ", subsequent_indent=" " * 10)
+        return
+
+
+def _is_plastic(restitution: Node, model: Model) -> bool:
+    """Whether a coefficient of restitution is 0, whatever the speed."""
+    tree = model.elements.expanded(restitution)
+    return APPROACH not in free_names(tree) and evaluate(tree, constants(model)) == 0.0
+
+
 Attributes = Mapping[Any, Any]
+MOST_NAMED = 4  # contacts that closed at once
 WHOLE = 1e-9  # of a step: by which the last one may differ from it
 SHORT = 0.25  # of the slowest period
 
@@ -225,6 +273,7 @@ def _summary_lines(run: xr.Dataset) -> list[str]:
             f" {band:.3g}{unit}{among}, end minus start {change:.3g}{unit}"
         )
     lines += works_of_drag(run)
+    lines += impact_law_remark(run)
     return [
         escaped(line)
         for line in (

@@ -30,7 +30,7 @@ def names_in(code: CodeType) -> set[str]:
 
 
 @dataclass
-class Memory:
+class Remembered:
     """What some functions hold: their closures, the globals that they name, their own object, and what is in these.
 
     Attributes

@@ -96,6 +96,7 @@ def show_pages() -> None:
 NOTED = ("sel", "interp", "drop_sel", "resample", "groupby", "groupby_bins", "rolling", "coarsen")
 # a name that is no index is left out of these by xarray without a word
 REFUSED = ("reindex", "reindex_like", "interp_like")
+REDUCED = ("mean", "std", "var", "sum", "median", "max", "min")
 LONGEST_NOTE = 60  # characters of times that a note repeats
 REMEDY = (
     "xdynamics: rows of a run are its steps, two at an event, and none ends at just any time: run.dynamics.at({0}) gives the"
@@ -103,17 +104,24 @@ REMEDY = (
 )
 
 
+OVER_TIME = (
+    "xdynamics: rows of a run are its steps, which crowd where it is fast: a mean over time takes even"
+    " times, run.dynamics.at(np.linspace(0, 5, 1001)).x.mean('at'), and run.x.mean('step') is that of its rows"
+)
+
+
 def show_time_notes() -> None:
     """Wrap xarray's verbs for times of a run: errors name `run.dynamics.at`, and verbs without effect are refused."""
     for kind in (xr.Dataset, xr.DataArray):
-        for verb in (*NOTED, *REFUSED):
+        for verb in (*NOTED, *REDUCED, *REFUSED):
             method = getattr(kind, verb)
             # a second call must not wrap what is wrapped
             if not hasattr(method, "notes_times"):
-                setattr(kind, verb, _noting(method) if verb in NOTED else _refusing(method))
+                note = OVER_TIME if verb in REDUCED else REMEDY
+                setattr(kind, verb, _refusing(method) if verb in REFUSED else _noting(method, note))
 
 
-def _noting(method: Callable[..., Any]) -> Callable[..., Any]:
+def _noting(method: Callable[..., Any], note: str) -> Callable[..., Any]:
     """Return the method with a note below its errors."""
 
     @wraps(method)
@@ -124,7 +132,7 @@ def _noting(method: Callable[..., Any]) -> Callable[..., Any]:
             requested_times = _requested_times(arguments, keywords)
             # xarray's verbs call one another: the inner one has added the note already
             if requested_times is not None and _is_of_steps(self) and not getattr(error, "__notes__", None):
-                error.add_note(REMEDY.format(_times_text(requested_times)))
+                error.add_note(note.format(_times_text(requested_times)))
             raise
 
     noting_call.notes_times = True  # type: ignore[attr-defined]
@@ -147,12 +155,16 @@ def _refusing(method: Callable[..., Any]) -> Callable[..., Any]:
 
 def _requested_times(arguments: tuple[Any, ...], keywords: Mapping[str, Any]) -> Any:
     """Return the requested times: by name, in a mapping, of another record, or all; None if none are."""
-    first = arguments[0] if arguments else {name: keywords[name] for name in ("other", "group") if name in keywords}
+    first = (
+        arguments[0] if arguments else {name: keywords[name] for name in ("other", "group", "dim") if name in keywords}
+    )
     if isinstance(first, str):  # groupby("time")
         return ... if first == "time" else None
     if isinstance(first, xr.Dataset | xr.DataArray):
         return first["time"].values if "time" in first.indexes else None
     indexers = first if isinstance(first, Mapping) else {}
+    if any(isinstance(value, str) and value == "time" for value in indexers.values()):  # mean(dim="time")
+        return ...
     return {**indexers, **keywords}.get("time")
 
 

@@ -19,7 +19,7 @@ from xdynamics.faults import InputError, brief_repr, first_names
 from xdynamics.model.kinds import Source
 from xdynamics.model.table_keys import suggestion
 from xdynamics.model.table_values import as_in_file, from_table, is_array
-from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, read_spread, split_uncertainty
+from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, is_uncertain, read_spread, split_uncertainty
 from xdynamics.runtime.files import ROOM, free_memory, size_text
 from xdynamics.shapes import Shapes, resolve_min_max
 from xdynamics.units import (
@@ -73,7 +73,7 @@ def is_of_elements(entry: Any) -> bool:
 
 def is_expression(value: Any) -> bool:
     """Whether a text is an expression, and no number with a unit."""
-    if not isinstance(value, str) or split_uncertainty(value):
+    if not isinstance(value, str) or is_uncertain(value):
         return False
     try:
         parse_quantity(value)
@@ -88,7 +88,7 @@ def is_expression(value: Any) -> bool:
 
 def is_meant(value: Any) -> bool:
     """Whether a text that is neither is meant as an expression: it has a call, or an operator behind its first number."""
-    if not isinstance(value, str) or split_uncertainty(value) or is_expression(value):
+    if not isinstance(value, str) or is_uncertain(value) or is_expression(value):
         return False
     try:
         parse_quantity(value)

@@ -89,6 +89,13 @@ class Discrepancy:
     description: str = ""
 
 
+def is_uncertain(text: str) -> bool:
+    """Whether a quantity is written with its uncertainty."""
+    return any(
+        match is not None for match in (_LAST_DIGITS.fullmatch(text), _SCALED.fullmatch(text), _BETWEEN.search(text))
+    )
+
+
 def split_uncertainty(text: Any) -> tuple[str, str] | None:
     """Split a quantity with its standard uncertainty into both: as `show` prints them, or its last digits in brackets (JCGM 100:2008, 7.2.2).
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -197,20 +197,8 @@ def _step_columns(about: ColumnContext) -> list[Column]:
     for (term, name), force in zip(term_components, layout.forces.blocks, strict=True):
         label = model.elements.forces[term].description or term
         add_column(force, f"component of force {label} along {name}", units.known[force.name])
-    for entry in (
-        b
-        for b in layout.computed.blocks
-        if b.first not in {*layout.rate_terms, *layout.constraint_outputs, *layout.shares}
-    ):
-        name = entry.name
-        role = "energy" if name in schema.ENERGIES else "gap" if entry.first in layout.gaps else "observable"
-        noun = "gap of contact" if role == "gap" else "observable"
-        owner = name.removeprefix(reaction_names.contact_gap("")) if role == "gap" else name
-        observed = model.statement.observed.get(name)
-        description = observed.description if observed else schema.ENERGIES.get(name)
-        if name == "kinetic_energy" and kinetic_as_written(model) is not None:
-            description = "kinetic energy as it was written, with what is linear in velocities and free of them"
-        add_column(entry._replace(role=role), description or f"{noun} {owner}", units.derived(entry))
+    for entry, long_name in _computed_quantities(about):
+        add_column(entry, long_name, units.derived(entry))
     for entry in layout.reactions.blocks:
         first = layout.reactions.offset_of(entry.name)
         reaction = reactions(model)[first]
@@ -228,6 +216,27 @@ def _step_columns(about: ColumnContext) -> list[Column]:
         rests = zip(layout.used.blocks, layout.low_parts.blocks[1:], strict=True)
         collected += [rest_column(about, entry, rest_block) for entry, rest_block in rests]
     return collected + effort_columns(layout)
+
+
+def _computed_quantities(about: ColumnContext) -> Iterator[tuple[Quantity, str]]:
+    """Yield energies, observables and gaps with their roles and long names."""
+    layout, model = about.layout, about.model
+    others = {*layout.rate_terms, *layout.constraint_outputs, *layout.shares}
+    for entry in (block for block in layout.computed.blocks if block.first not in others):
+        name = entry.name
+        role = "energy" if name in schema.ENERGIES else "gap" if entry.first in layout.gaps else "observable"
+        noun = "gap of contact" if role == "gap" else "observable"
+        owner = name.removeprefix(reaction_names.contact_gap("")) if role == "gap" else name
+        observed = model.statement.observed.get(name)
+        description = observed.description if observed else _energy_text(model, name)
+        yield entry._replace(role=role), description or f"{noun} {owner}"
+
+
+def _energy_text(model: Model, name: str) -> str | None:
+    """Describe an energy; None of another name."""
+    if name == "kinetic_energy" and kinetic_as_written(model) is not None:
+        return "kinetic energy as it was written, with what is linear in velocities and free of them"
+    return schema.ENERGIES.get(name)
 
 
 def _regime_column(about: ColumnContext) -> Column:

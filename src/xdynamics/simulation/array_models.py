@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import Along, Call, Compare, Element, Name, Node, Number, text_of
 from xdynamics.expressions.element_folding import IrregularError, Unfolding, term_count
-from xdynamics.expressions.memory import Memory
+from xdynamics.expressions.memory import Remembered
 from xdynamics.expressions.repeating import NEGLIGIBLE, OF_MEMORY, check_numbers, check_repeats, check_unwritten
 from xdynamics.expressions.substitution import Substitution, table_values
 from xdynamics.expressions.traced_arrays import Points, array_of
@@ -245,7 +245,7 @@ def call_with_names(
 ) -> Any:
     """Call a function with traced numbers; refuse one that writes into y, and one whose result is of what it remembers."""
     substitute = tables.substitute(function)
-    memory = Memory((substitute, arguments))
+    memory = Remembered((substitute, arguments))
 
     def result_from(contents: dict[Any, Any] | None = None) -> Any:
         def call() -> Any:

@@ -12,7 +12,7 @@ from warnings import warn
 import numpy as np
 
 from xdynamics.expressions import text_of
-from xdynamics.expressions.memory import Memory
+from xdynamics.expressions.memory import Remembered
 from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers, check_unwritten
 from xdynamics.expressions.substitution import Substitution, table_values
 from xdynamics.expressions.traced_arrays import array_of
@@ -182,7 +182,7 @@ def model_of_function(fun: RightSide, t_span: Any, y0: Any, args: Any, events: A
         starts, unit_texts = starts + read_starts(np.atleast_1d(np.imag(y0)), units)[0], 2 * unit_texts
     else:
         starts, unit_texts = read_starts(y0, units)
-    memory = Memory((functions, args))  # which calls with numbers may change
+    memory = Remembered((functions, args))  # which calls with numbers may change
     try:
         sections = _sections_of(functions, names, starts, unit_texts, t_span, args)
     finally:
