@@ -60,11 +60,22 @@ def test_numbers_are_reproduced(path: Path) -> None:
     assert float(re.search(r"the largest difference is .*: (\S+) of its largest value$", said)[1]) < allowed
 
 
-@pytest.mark.every(2)
 @pytest.mark.parametrize("path", SECOND, ids=lambda path: path.stem)
 def test_version_0_2_is_reproduced_to_the_bit(path: Path) -> None:
-    """Assert that every number of an archive of version 0.2 comes out again with the same bits."""
-    assert xd.reproduce(path).attrs["identical"] == 1
+    """Assert that every number of an archive of version 0.2 comes out again with the same bits.
+
+    One number of the woodpecker's is another: how forces are shared that the motion does not determine was changed since,
+    and with it the uncertainty of one event function, by far less than a spacing of its largest. That is said.
+    """
+    repeated = xd.reproduce(path)
+    if path.stem == "woodpecker_dop853":
+        assert re.search(
+            r"forces of contacts by 'one after the other.*here they are by 'least norm",
+            said := repeated.attrs["arithmetic"],
+        )
+        assert re.search(r"is 9.86e-32 1 in 'event_function_uncertainty', row 4: 5.9e-19 of its largest value$", said)
+    else:
+        assert repeated.attrs["identical"] == 1
 
 
 @pytest.mark.every(13)

@@ -63,6 +63,7 @@ def original_call(function: str, node: Node) -> Call:
     return Call(function, (u.operand if function == "ceil" and isinstance(u, Negative) else u,))
 
 
+FLATTEST = 100  # repetitions of a factor: of higher powers no method sees where they are not smooth
 Kink = tuple[str, Node, bool, int, Path, int]
 
 
@@ -176,16 +177,19 @@ def _kinks_of_chain(node: Binary, path: Path, factors: tuple[Node, ...]) -> Iter
 
 def _repeated_factors(node: Node) -> Iterator[Node]:
     """Yield the factors of a product, those of integer powers repeated; the product itself is included."""
-    yield node
-    if isinstance(node, Negative):
-        yield from _repeated_factors(node.operand)
-    elif isinstance(node, Binary) and node.operator == "*":
-        yield from _repeated_factors(node.left)
-        yield from _repeated_factors(node.right)
-    elif isinstance(node, Binary) and node.operator == "/":
-        yield from _repeated_factors(node.left)
-    elif isinstance(node, Binary) and node.operator == "**" and isinstance(node.right, Number):
-        yield from [node.left] * int(node.right.value)
+    waiting = [node]
+    while waiting:
+        factor = waiting.pop()
+        yield factor
+        match factor:
+            case Negative():
+                waiting.append(factor.operand)
+            case Binary(operator="*"):
+                waiting += [factor.right, factor.left]
+            case Binary(operator="/"):
+                waiting.append(factor.left)
+            case Binary(operator="**", right=Number(power)):
+                yield from [factor.left] * min(int(power), FLATTEST)
 
 
 def kinks_of_call(node: Call) -> Iterator[tuple[Node, bool, int]]:
