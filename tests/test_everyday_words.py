@@ -117,3 +117,48 @@ def test_the_version_by_any_name() -> None:
     assert len(said) == 1
     assert said.pop().startswith("xdynamics ")
     assert "did you mean `xdynamics --version`" in CliRunner().invoke(main, ["version"]).output
+
+
+@pytest.mark.parametrize(
+    ("sections", "said"),
+    [
+        ({"forces": {"s": {"x": "where(x>0*metre and x<1*metre, -k*x, 0*newton)"}}}, "where(a, where(b, yes, no), no)"),
+        ({"forces": {"s": {"x": "where(x>0*metre or x<1*metre, -k*x, 0*newton)"}}}, "where(a, yes, where(b, yes, no))"),
+        ({"forces": {"s": {"x": "-k*x if x>0*metre else 0*newton"}}}, "a choice is where(condition, yes, no)"),
+        ({"forces": {"s": {"x": "-k*x*heaviside(x)"}}}, "'heaviside' is not known; write where(u > 0, 1, 0)"),
+        ({"forces": {"s": {"x": "-k*x*ln(2)"}}}, "'ln' is not known; write log(u)"),
+        ({"forces": {"s": {"x": "-k*x*clip(x, 0, 1)"}}}, "'clip' is not known; write min(max(u, low), high)"),
+        ({"forces": {"s": {"x": "-k*x*sin(3*t)"}}}, "a frequency times it is one, like w*(3*t) with w in rad s-1"),
+        (
+            {"initial": {"x": "1 m", "vx": "1 m/s"}},
+            "initial value of 'vx', which is no coordinate, velocity or state; did you mean 'v_x'?",
+        ),
+        ({"initial": {"x": "1 m", "v": "1 m/s"}}, "did you mean 'v_x'?"),
+        ({"initial": {"x": "1 m", "v0": "1 m/s"}}, "did you mean 'v_x'?"),
+        ({"initial": {"x": "1 m", "x_dot": "1 m/s"}}, "did you mean 'v_x'?"),
+        ({"events": {"e": {"function": "x", "action": "terminal"}}}, "action 'terminal' is not known; write 'stop'"),
+        (
+            {"events": {"e": {"function": "x", "terminal": True}}},
+            "key 'terminal' is not known; write action = \"stop\"",
+        ),
+        ({"parameters": {"k": "100,5 N/m"}}, "has a comma; write a decimal point, '100.5 N/m'"),
+        ({"mass": {"x": 1}}, "needs 'm s-2' (column 1: -k*x); its mass, 1, has no unit"),
+        (
+            {"parameters": {"k": "100", "c": "1 kg/s"}, "forces": {"s": {"x": "-k*x - c*v_x"}}},
+            "'c*v_x' in 'kg m s-2 (N)' (column 8); 'k' has no unit",
+        ),
+    ],
+)
+def test_words_of_other_languages_in_a_model(sections: dict[str, Any], said: str) -> None:
+    """Assert the line to write for what Python, scipy and textbooks call something else."""
+    known = {"forces": {"s": {"x": "-k*x"}}, "parameters": {"k": "1 N/m"}}
+    with pytest.raises(xd.ModelError, match=re.escape(said)):
+        xd.Model(**(SPRING | known | sections))
+
+
+def test_keys_that_are_not_known_are_listed_once() -> None:
+    """Assert that four wrong keys do not repeat the list of right ones four times."""
+    drives = {"w": {"file": "w.csv", "x": "t", "y": "F", "over": "t"}}
+    with pytest.raises(xd.ModelError, match="key 'file' is not known; write table;") as caught:
+        xd.Model(**SPRING, drives=drives)
+    assert str(caught.value).count("interpolation, outside") == 1

@@ -142,5 +142,5 @@ def test_a_drive_of_texts_alone_is_no_table_from_python() -> None:
         "mass": {"x": "kilogram"},
         "initial": {"x": "0 m", "v_x": "0 m/s"},
     }
-    with pytest.raises(xd.ModelError, match="key 'file' is not known; there are table, argument"):
+    with pytest.raises(xd.ModelError, match="key 'file' is not known; write table"):
         xd.Model(name="log", drives={"pull": {"file": "log.csv"}}, **statement)

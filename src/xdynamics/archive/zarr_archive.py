@@ -366,7 +366,7 @@ def _current_digests(location: Place) -> tuple[bytes, tuple[Place, ...]]:
         raise InputError(f"'{location}' is not complete: a process is writing it, or was stopped; write it again")
     raise InputError(
         f"'{location}' holds no record: there is no '{NOTES}/{DIGESTS}' in it, with the digests of its files; xarray.open_zarr"
-        " shows what another program wrote"
+        " shows what another program wrote, and xd.save(run, 'run.zarr') writes a record"
     )
 
 

@@ -25,6 +25,10 @@ from xdynamics.units import NONE, TIME, Dimension, coherent, constant_of, parse_
 _KEEPS = ("abs", "min", "max", "hypot", "mod")  # of the same dimension as their arguments
 
 
+class UnequalUnitsError(InputError):
+    """Numbers of different units are added, compared or chosen between."""
+
+
 def dimension_of(node: Node, names: Mapping[str, Dimension]) -> Dimension:
     """Return the dimension of an expression, checking every part of it.
 
@@ -111,9 +115,9 @@ def _call_dimension(node: Call, names: Mapping[str, Dimension]) -> Dimension | N
     if node.function == "sqrt":
         return None if inner is None else inner ** (exponent_of(Number(0.5)) or 0)
     if inner not in (None, NONE):
-        raise InputError(
-            f"{label} needs a pure number, got '{shortened_text(node.arguments[0])}' in '{inner}' (column {node.column})"
-        )
+        argument = shortened_text(node.arguments[0])
+        remedy = f"; a frequency times it is one, like w*({argument}) with w in rad s-1" if inner == TIME else ""
+        raise InputError(f"{label} needs a pure number, got '{argument}' in '{inner}' (column {node.column}){remedy}")
     return NONE
 
 
@@ -146,7 +150,7 @@ def _common_dimension(
     if dim_a is None or dim_b is None:
         return dim_b if dim_a is None else dim_a
     if dim_a != dim_b:
-        raise InputError(
+        raise UnequalUnitsError(
             f"{label} joins '{shortened_text(a)}' in '{dim_a}' with '{shortened_text(b)}' in '{dim_b}' (column {b.column})"
         )
     return dim_a

@@ -295,7 +295,7 @@ class _Reader(Tokens):
         """
         tree = self._number_tree(self._read_comparison())
         if self.next.text:
-            raise self.unreadable(f"{self.next.text!r} has no operator before it")
+            raise self.unreadable(f"{self.next.text!r} has no operator before it{_of_python(self.next.text)}")
         return tree
 
     def _read_comparison(self) -> Node:
@@ -482,7 +482,9 @@ class _Reader(Tokens):
             dimension_functions = ", ".join(name for name in ALONG if name not in FUNCTIONS)
             raise self.fault(
                 column,
-                f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}; of quantities with dimensions"
+                f"function '{function}' is not known; write {_OF_OTHERS[function]}"
+                if function in _OF_OTHERS
+                else f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}; of quantities with dimensions"
                 f" {dimension_functions}",
             )
         arity, got = FUNCTIONS[function], len(arguments)
@@ -526,6 +528,35 @@ class _Reader(Tokens):
 
     def _close_level(self, text: str) -> None:
         if self.next.text != text:
-            raise self.unreadable(f"{text!r} is missing")
+            raise self.unreadable(f"{text!r} is missing{_of_python(self.next.text)}")
         self.take_token()
         self.level -= 1
+
+
+# what Python, or another language, writes, and what is written here
+_OF_PYTHON = {
+    "and": "; two conditions are one in the other: where(a, where(b, yes, no), no)",
+    "or": "; two conditions are one in the other: where(a, yes, where(b, yes, no))",
+    "not": "; of a condition write the opposite: where(x <= 0*metre, yes, no)",
+    "if": "; a choice is where(condition, yes, no)",
+    "else": "; a choice is where(condition, yes, no)",
+}
+_OF_OTHERS = {
+    **dict.fromkeys(("heaviside", "step", "Heaviside", "unitstep", "u"), "where(u > 0, 1, 0)"),
+    **dict.fromkeys(("ln", "Log"), "log(u)"),
+    "log10": "log(u)/log(10)",
+    "square": "u**2",
+    "pow": "u**2",
+    "cbrt": "u**(1/3)",
+    **dict.fromkeys(("clip", "clamp", "saturate"), "min(max(u, low), high)"),
+    **dict.fromkeys(("if", "ifelse", "piecewise", "Piecewise"), "where(condition, yes, no)"),
+    **{f"arc{word}": f"a{word}(u)" for word in ("sin", "cos", "tan")},
+    "interp": "a drive, [drives.table]",
+    **dict.fromkeys(("fabs", "magnitude"), "abs(u)"),
+    **dict.fromkeys(("sgn", "signum"), "sign(u)"),
+}
+
+
+def _of_python(word: str) -> str:
+    """Return what is written in the place of a word of Python; nothing for others."""
+    return _OF_PYTHON.get(word, "")

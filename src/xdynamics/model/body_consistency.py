@@ -12,6 +12,7 @@ from math import pi
 import numpy as np
 
 from xdynamics.expressions import Name, Node, Number, dimension_of, expand, free_names, shortened_text, text_of
+from xdynamics.expressions.dimensions import UnequalUnitsError
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.body_sections import AXES, SPACE, Body, position, quasi_coordinate, unit_quaternions
@@ -27,6 +28,11 @@ def check_motion(statement: Statement, dimensions: Mapping[str, Dimension], ledg
     """Check that every entry of M a = F has the unit that its row needs."""
     coordinates, time = list(statement.coordinates), statement.time_unit.dimension
     force_dimensions: dict[str, Dimension] = {}
+    unitless = {
+        name: f"; its mass, {text_of(statement.mass[i][i])}, has no unit"
+        for i, name in enumerate(coordinates)
+        if isinstance(statement.mass[i][i], Number)
+    }
     for i, name in enumerate(coordinates):
         with ledger.entry(f"mass of '{name}'"):
             force_dimensions[name] = dimension_of(statement.mass[i][i], dimensions) * dimensions[name] / time**2
@@ -60,7 +66,8 @@ def check_motion(statement: Statement, dimensions: Mapping[str, Dimension], ledg
             elif isinstance(node, Function):
                 check_function(f"force '{term}'", node, statement, dimensions, ledger)
             else:
-                check_tree_dimension(ledger, f"force '{term}' of '{name}'", node, dimensions, force_dimensions[name])
+                label = f"force '{term}' of '{name}'"
+                check_tree_dimension(ledger, label, node, dimensions, force_dimensions[name], unitless.get(name, ""))
 
 
 def _check_potential(
@@ -107,22 +114,27 @@ def check_function(
 
 
 def check_tree_dimension(
-    ledger: Ledger, label: str, node: Node, dimensions: Mapping[str, Dimension], needed: Dimension
+    ledger: Ledger, label: str, node: Node, dimensions: Mapping[str, Dimension], needed: Dimension, reason: str = ""
 ) -> None:
-    """Check one expression against the unit that is needed."""
+    """Check one expression against the unit that is needed, for a reason that is stated."""
     try:
         dimension = dimension_of(node, dimensions)
     except InputError as error:
-        ledger.note(f"{label}: {error}")
+        ledger.note(f"{label}: {error}{_of_no_unit(node, dimensions) if isinstance(error, UnequalUnitsError) else ''}")
         return
     if dimension != needed and node != Number(0.0):
         column = getattr(node, "column", 1) or 1
-        pure = sorted(name for name in free_names(node) if dimensions.get(name) == NONE)
-        has = "has" if len(pure) == 1 else "have"
-        hint = f"; {', '.join(map(repr, pure))} {has} no unit" if 0 < len(pure) <= MOST_NAMED else ""
+        hint = reason or _of_no_unit(node, dimensions)
         ledger.note(
             f"{label} has units '{dimension}', needs '{needed}' (column {column}: {shortened_text(node)}){hint}"
         )
+
+
+def _of_no_unit(node: Node, dimensions: Mapping[str, Dimension]) -> str:
+    """Name what an expression reads that has no unit, if it is little."""
+    pure = sorted(name for name in free_names(node) if dimensions.get(name) == NONE)
+    has = "has" if len(pure) == 1 else "have"
+    return f"; {', '.join(map(repr, pure))} {has} no unit" if 0 < len(pure) <= MOST_NAMED else ""
 
 
 MOST_NAMED = 3  # names without units, in a message on units

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from itertools import count
 from typing import Any
 
@@ -316,9 +316,17 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
             problem = (
                 f"an element; give '{quantity}' as a whole"
                 if quantity in needed
-                else "no coordinate, velocity or state"
+                else f"no coordinate, velocity or state{_meant_start(name, needed)}"
             )
             ledger.note(f"initial value of '{name}', which is {problem}")
+
+
+def _meant_start(name: str, needed: Collection[str]) -> str:
+    """Return the velocity that a name may have been meant as: vx, v, x_dot, dx."""
+    bare = name.removesuffix("_dot").removesuffix("dot").removeprefix("d").removeprefix("v").strip("_0")
+    speeds = [word for word in needed if word.startswith("v_")]
+    meant = velocity(bare) if velocity(bare) in needed else speeds[0] if not bare and len(speeds) == 1 else ""
+    return f"; did you mean '{meant}'?" if meant else ""
 
 
 def _check_spreads(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:

@@ -221,6 +221,8 @@ def parse_quantity(value: Any, *, difference: bool = False) -> Quantity:
         raise InputError(
             f"quantity {shown_text} has '{unit_words[0]}' after its number; write a number and a unit, like '0.145 kg'"
         )
+    if comma := re.fullmatch(r",(\d+)(.*)", unit_words):
+        raise InputError(f"quantity {shown_text} has a comma; write a decimal point, '{match[0]}.{comma[1]}{comma[2]}'")
     return _scaled_quantity(read_decimal(match[0]), unit_words or "1", shown_text, difference=difference)
 
 

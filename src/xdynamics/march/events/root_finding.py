@@ -353,8 +353,8 @@ def start_of(run: Run, i: int, s: float) -> float:
 def event_kind(run: Run, i: int) -> int:
     """Tell a crossing from a touch, a jump, a pole and an unresolved cluster; slopes are those at the end."""
     watch, value_after = run.watches[i], run.g1[i]
-    if watch.hit == ENDED and watch.armed * run.slopes[i] < 0.0 and abs(run.slopes[i]) < inf:
-        return CROSSING  # on its way through zero, where a table ends
+    if watch.hit == ENDED and run.places.shape[0] > 0 and watch.armed * run.slopes[i] < 0.0:
+        return CROSSING  # on its way through zero, where a table ends; where a law ends, as a root does, it slows down to it
     if watch.hit in (TOUCHED, ENDED):
         return TOUCH
     if run.detectors[i].sampled:
