@@ -264,3 +264,26 @@ def test_texts_of_a_model_are_no_tags_in_markdown(tmp_path: Path) -> None:
         shown = "\n".join(line for line in text.splitlines() if not line.startswith("    "))
         assert "<script" not in shown
         assert "](javascript" not in shown
+
+
+def test_declared_observables_are_drawn(tmp_path: Path) -> None:
+    """Assert panels of them by their units, and no plane of two heights."""
+    from xdynamics.figures.run import panels_and_omissions
+
+    model = xd.Model(
+        name="Quarter car",
+        coordinates={"zs": "m", "zu": "m"},
+        parameters={"ms": "300 kg", "mu": "40 kg", "k": "2e4 N/m"},
+        mass={"zs": "ms", "zu": "mu"},
+        forces={"spring": {"zs": "-k*(zs - zu)", "zu": "k*(zs - zu)"}},
+        observables={"comfort": "a_zs", "stretch": "zs - zu"},
+        initial={"zs": "0 m", "zu": "0.01 m"},
+    )
+    run = xd.simulate(model, method="dop853", rtol=1e-8, until="1 s")
+    panels, rest = panels_and_omissions(run, ["observable"])
+    assert len(panels) == 2
+    few, left_out = panels_and_omissions(run, amount="few")
+    assert len(few) == 4
+    assert "plane" not in left_out
+    xd.plot(run, tmp_path / "car.png", only=["comfort"])
+    assert (tmp_path / "car.png").stat().st_size > 5_000

@@ -250,7 +250,18 @@ MET = 1e-3  # of a range: how close a repeated step must come to the row that it
 ROUNDING = 1e-12  # of what a step adds: what is held at rest has no range but rounding
 ENERGY_CHANGES = "energy_changes"  # of an excerpt, which lacks rows: in its encoding
 AGREED = 1e-6  # of the largest value: so near what is evaluated is to what was recorded
-EVALUATED = ("energy", "observable", "force", "acceleration", "rate", REACTION, "multiplier", "joint", "gap")
+EVALUATED = (
+    "energy",
+    "observable",
+    "force",
+    "acceleration",
+    "rate",
+    "rate_term",
+    REACTION,
+    "multiplier",
+    "joint",
+    "gap",
+)
 
 
 @dataclass(frozen=True)

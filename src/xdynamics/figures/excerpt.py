@@ -47,7 +47,7 @@ from xdynamics.units import parse_unit
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-ON_REQUEST = ("force", "observable", "gap")  # roles of columns that a figure of a run has only where they are named
+ON_REQUEST = ("force", "rate_term", "gap")  # roles of columns that a figure of a run has only where they are named
 MOST_NUMBERS = 4_000_000  # that are drawn of a run as it is; and about as many has an excerpt
 FEWEST = 40  # rows of each column
 ROOM = 1 << 26  # bytes of times that are kept: of the first and the last chunk, for the span

@@ -65,7 +65,8 @@ Axis = tuple[str, tuple[str, dict[str, int]]]  # what it is called; a coordinate
 POSITIONS = ("coordinate", "state")  # roles
 AXES = ("x", "y", "z")
 UPRIGHT = ("y", "z", "h", "height")  # coordinates that are drawn upright where they are alone
-_STEM = re.compile(r"([a-z]+?)_?(\d+|(?<=_)[a-z]\w*)", re.IGNORECASE | re.ASCII)  # `x` and `2`, `y` and `bob`
+# `x` and `2`, `y` and `bob`, `z` and `s` of a sprung mass
+_STEM = re.compile(r"([a-z]+?)_?(\d+|(?<=_)[a-z]\w*|(?<=^[xyz])[a-z])", re.IGNORECASE | re.ASCII)
 _AXIS = re.compile(r"(?:(\w+)_)?[xyz]", re.ASCII)  # `x`, `bob_x`
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
@@ -120,9 +121,9 @@ def are_of_one_kind(names: list[str]) -> bool:
 
     Examples
     --------
-    >>> pairs = ["x1", "x2"], ["y_cart", "y_bob"], ["r_x", "r_y"], ["x", "y"]
+    >>> pairs = ["x1", "x2"], ["y_cart", "y_bob"], ["zs", "zu"], ["r_x", "r_y"], ["x", "y"]
     >>> [*map(are_of_one_kind, pairs)]
-    [True, True, False, False]
+    [True, True, True, False, False]
     """
     matches = [_STEM.fullmatch(name) for name in names]
     stems = {match[1] for match in matches if match}

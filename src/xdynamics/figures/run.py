@@ -91,7 +91,7 @@ FEWEST_LOCATED = 3  # events, from which on a panel shows more than their list
 # kinds in the order in which they are chosen for a sheet of few panels: what a person came for
 FIRST = (
     *("plane", "space", "map", "trajectory", "attitude", "section", "energy", "contact", "constraint"),
-    *("drive", "controller", "state", "velocity", "profile", "phase"),
+    *("drive", "controller", "state", "velocity", "profile", "phase", "observable"),
 )
 KINDS = (*FIRST, "steps", "errors", "events")  # words by which panels are chosen, besides the names of variables
 FEW, ALL = AMOUNTS = ("few", "all")  # of panels
@@ -265,12 +265,13 @@ def _motion_panels(run: xr.Dataset, overlay: Overlay, requested_names: Sequence[
         and observables
         and not any(np.ptp(run.variables[name].values) for name in states)
     ):
-        states, requested_names = [], observables  # nothing moves, and what is computed was asked for
+        states = []  # nothing moves, and what is computed was asked for
     if requested_names is None:
         coordinates, velocities, states = map(body_variables.visible_names, (coordinates, velocities, states))
     kinds = [("trajectory", "trajectory", coordinates)]
     kinds += [("velocity", title, names) for title, names in body_variables.titled_velocities(velocities)]
     kinds += [("state", "first-order state", states), ("controller", "held between ticks", _held_by_controllers(run))]
+    kinds.append(("observable", "observable", observables))
     maps = {tuple(names): panel for names, panel in field_panels(run, 2)}  # which tell more than a row for each element
     for kind, title, names in (*kinds, ("other", "", _variables_on_request(run))):
         for group in groups_by_unit(run, _requested_variables(kind, names, requested_names)):
@@ -357,8 +358,8 @@ def _held_by_controllers(run: xr.Dataset) -> list[str]:
 
 
 def _variables_on_request(run: xr.Dataset) -> list[str]:
-    """Name the variables that are drawn only on request: forces, accelerations, rates, observables, multipliers of joints."""
-    roles = ("force", "acceleration", "rate", "observable", "energy", "gap")
+    """Name the variables that are drawn only on request: forces, accelerations, rates, their terms, multipliers of joints."""
+    roles = ("force", "acceleration", "rate", "rate_term", "energy", "gap")
     role_names = [name for role in roles for name in _drawable_with_role(run, role) if name != "total_energy"]
     return role_names + _multipliers_of_joints(run)
 
