@@ -88,7 +88,7 @@ def test_motion_contacts_and_evidence() -> None:
             "the scale of time is 1.3 s, and the model's time is a pure number: leave it out",
         ),
         ({}, {"step": "1 ms", "method": "rk4"}, "step '1 ms' has units 's'"),
-        ({"time": {"unit": "ms"}}, {}, "unit is 'ms'; time is in 's', or a pure number"),
+        ({"time": {"unit": "mm"}}, {}, "unit is 'mm'; time is in 's', shown in another unit"),
         ({"time": {"units": "1"}}, {}, "key 'units' is not known"),
         ({"states": {"x": {"unit": "1", "rate": "1/second"}}}, {}, "rate of state 'x' has units 's-1"),
         (

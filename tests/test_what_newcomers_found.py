@@ -280,7 +280,7 @@ def test_declared_observables_are_drawn(tmp_path: Path) -> None:
         initial={"zs": "0 m", "zu": "0.01 m"},
     )
     run = xd.simulate(model, method="dop853", rtol=1e-8, until="1 s")
-    panels, rest = panels_and_omissions(run, ["observable"])
+    panels, _ = panels_and_omissions(run, ["observable"])
     assert len(panels) == 2
     few, left_out = panels_and_omissions(run, amount="few")
     assert len(few) == 4

@@ -439,6 +439,7 @@ def sample_name(name: str) -> str:
 
 # by which tools find the axis of time, Unidata's word: CF's own, `axis`, stands for dates since an epoch alone
 AXIS = {"_CoordinateAxisType": "Time"}
+SHOWN_IN = "shown_in"  # attribute of times: the unit that people read them in, where the model says one
 FIXED_STEPS = (
     Variable("time", (STEPS,), "f8", SECONDS.text, "time of the accepted state", "time", AXIS),
     Variable("step_size", (STEPS,), "f8", SECONDS.text, "step used to reach the state; 0 for the initial one and after an event", "step_size"),

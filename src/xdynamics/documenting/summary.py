@@ -37,7 +37,7 @@ from xdynamics.record import of_elements
 from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit_of, words_of_flag
 from xdynamics.record.folding import model_dimensions
-from xdynamics.record.long_times import long_unit
+from xdynamics.record.long_times import in_long_unit
 from xdynamics.record.named_rows import row_places
 from xdynamics.record.schemas import (
     ending_words,
@@ -441,9 +441,7 @@ def _end_state_texts(run: xr.Dataset) -> Iterator[str]:
     if last >= 0 and float(run["event_time"][last]) == float(run["time"][-1]):
         yield f"t = {_event_time_text(run, last)}"
     else:
-        name, size = long_unit(run["time"])
-        in_words = "" if size == 1.0 else f" ({float(run['time'][-1]) / size:.6g} {name})"
-        yield f"t = {float(run['time'][-1]):.12g}{_second(run)}{in_words}"
+        yield f"t = {float(run['time'][-1]):.12g}{_second(run)}{in_long_unit(run['time'], float(run['time'][-1]))}"
     names = of_motion(run)
     yield from _state_texts(run, names, names, -1)
 
@@ -503,7 +501,8 @@ def _event_time_text(run: xr.Dataset, i: int) -> str:
     time_offsets = np.abs(times - time)
     nearest_gap = float(time_offsets[time_offsets > 0.0].min(initial=np.inf))
     digit_count = digits(time, uncertainty=doubt, relative=_uncertain_part(run), spacing=nearest_gap)
-    return f"{time:.{digit_count}g}{_second(run)}"
+    said = in_long_unit(run["time"], time) if schema.SHOWN_IN in run["time"].attrs else ""
+    return f"{time:.{digit_count}g}{_second(run)}{said}"
 
 
 def _stopped_motions(run: xr.Dataset) -> Iterator[str]:

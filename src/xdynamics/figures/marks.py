@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import escaped
 from xdynamics.figures.curves import REACTION, has_chords, has_missing_rows, is_mean, known_model
-from xdynamics.record.long_times import HOURS, long_unit
+from xdynamics.record.long_times import HOURS, LONG_UNITS, long_unit
 from xdynamics.record.unfolding import whole_of
 from xdynamics.shapes import display_text, join_element_name, split_element_name
 from xdynamics.units import SECONDS, unit_suffix
@@ -148,7 +148,8 @@ def label_time(axes: Axes, time: xr.DataArray, label: str = "time") -> None:
         return
     axes.xaxis.set_major_locator(_locator_of(size))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / size:g}"))
-    length = "" if name == HOURS else f" of {size:,.0f} {SECONDS.text}".replace(",", "\u2009")
+    explained = name in dict(LONG_UNITS) and name != HOURS
+    length = f" of {size:,.0f} {SECONDS.text}".replace(",", "\u2009") if explained else ""
     axes.set_xlabel(f"{label} ({name}{length})")
 
 

@@ -30,6 +30,7 @@ from xdynamics.model.controllers import pending
 from xdynamics.model.joints import made_by_joints
 from xdynamics.reaction_names import JOINT, constraint_force
 from xdynamics.record import check
+from xdynamics.record.long_times import in_long_unit
 from xdynamics.record.run_dataset import chosen_times_remedy
 from xdynamics.record.schemas import ending_words, is_whole, log_description, rows_apart
 from xdynamics.schema import HELD, STEPS, velocity
@@ -223,7 +224,8 @@ def foot_of(run: xr.Dataset) -> str:
     """Describe how a run ended; `show` adds the remarks."""
     row_spacing = rows_apart(run.attrs)
     thinning_note = f"; one in {row_spacing} of its rows" if row_spacing > 1 else ""
-    return f"{ending_words(run.attrs)[0]}{thinning_note}"
+    last = in_long_unit(run["time"], float(run["time"][-1])) if run["time"].size else ""
+    return f"{ending_words(run.attrs)[0]}{last}{thinning_note}"
 
 
 def _run_panels(

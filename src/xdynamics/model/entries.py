@@ -335,5 +335,5 @@ def make_closed_form(
 
 
 def make_time_unit(unit: str = SECONDS.text) -> Unit:
-    """Return the unit of a model's time."""
-    return SECONDS if unit == SECONDS.text else NUMBERS
+    """Return the unit of a model's time: seconds, whatever it is shown in, or none."""
+    return NUMBERS if unit == NUMBERS.text else SECONDS

@@ -162,7 +162,7 @@ OF_CONTACTS = (
 SECTIONS: dict[str, Section] = {
     "time": Section(
         "what time is measured in", "",
-        (Key("unit", TIME_UNIT, "1 where time is a pure number, as in equations without dimensions: then until = \"20\"", SECONDS.text, "text", SECONDS.text),),
+        (Key("unit", TIME_UNIT, "1 where time is a pure number, as in equations without dimensions: then until = \"20\"; another one, like h, is what times are shown in, and recorded in seconds", SECONDS.text, "text", SECONDS.text),),
         '[time]\nunit = "s"\n',
         make=entries.make_time_unit, field="time_unit",
     ),

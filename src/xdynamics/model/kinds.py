@@ -6,6 +6,7 @@ A function written in Python is a value too: the function itself, or the descrip
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -299,15 +300,17 @@ def _read_csv_text(value: Any, key: str, *_: Source) -> str:
 
 
 def _read_time_unit(value: Any, key: str, *_: Source) -> str:
-    if value not in (SECONDS.text, NUMBERS.text):
-        raise InputError(
-            f"{key} is {brief_repr(value)}; time is in '{SECONDS.text}', or a pure number, '{NUMBERS.text}'"
-        )
-    return str(value)
+    with suppress(InputError):
+        if value == NUMBERS.text or (isinstance(value, str) and parse_unit(value).dimension == SECONDS.dimension):
+            return str(value)
+    raise InputError(
+        f"{key} is {brief_repr(value)}; time is in '{SECONDS.text}', shown in another unit of time, like 'h', or a pure"
+        f" number, '{NUMBERS.text}'"
+    )
 
 
 TEXT = Kind("text", read_text, omitted="")
-TIME_UNIT = Kind('"s" | "1"', _read_time_unit)
+TIME_UNIT = Kind('"s" | "h", … | "1"', _read_time_unit)
 CSV = Kind("text", _read_csv_text)
 UNIT = Kind("unit", lambda value, *_: parse_unit(value), lambda unit, _: unit.text, None)
 EXPRESSION = Kind("expression", _read_expression, _tree_text, None)

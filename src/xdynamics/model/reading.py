@@ -29,7 +29,7 @@ from xdynamics.model.table_values import is_array
 from xdynamics.model.uncertainty import correlations_of
 from xdynamics.schema import velocity
 from xdynamics.shapes import Shapes, resolve_min_max
-from xdynamics.units import SECONDS, Quantity, Scales, Unit, time_in
+from xdynamics.units import NUMBERS, SECONDS, Quantity, Scales, Unit, parse_unit, time_in
 
 
 def read_statement(statement: Mapping[str, Any], path: Path, functions: Functions, access: FileAccess) -> Statement:
@@ -77,6 +77,8 @@ def read_statement(statement: Mapping[str, Any], path: Path, functions: Function
     parts |= _read_start(parts, start, ledger)
     with ledger.entry("correlations"):
         parts["correlations"] = correlations_of(tables["correlations"])
+    shown = tables["time"].get("unit", SECONDS.text)
+    parts["shown_time"] = None if shown in (SECONDS.text, NUMBERS.text) else parse_unit(shown)
     parts["run"] = _read_run_settings(tables["run"], parts["time_unit"], ledger)
     ledger.raise_faults()
     with ledger.entry("lagrangian" if parts.get("lagrangian") else "mass"):

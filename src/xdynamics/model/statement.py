@@ -81,6 +81,7 @@ class Statement:
     correlations: dict[tuple[str, str], float] = field(default_factory=dict)
     discrepancy: dict[str, Discrepancy] = field(default_factory=dict)
     time_unit: Unit = SECONDS
+    shown_time: Unit | None = None  # that people read times in; they are recorded in seconds
     pictured: Pictured = field(default_factory=Pictured)  # what figures show
     fit: Fitted | None = None  # where the parameters come from
     about: Authorship = NOBODY  # who stands for it; in no text of the model, which is content of a record

@@ -74,6 +74,12 @@ def _body(section: Section, title: str, statement: Statement) -> dict[str, Any]:
     return {name: section.write(entry, statement.time_unit) for name, entry in part.items() if name not in derived}
 
 
+def _time_table(statement: Statement) -> dict[str, str]:
+    if statement.shown_time is not None:
+        return {"unit": statement.shown_time.text}
+    return _body(SECTIONS["time"], "time", statement)
+
+
 def _initial(statement: Statement) -> dict[str, Any]:
     starts = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in statement.initial.items()}
     elsewhere = {*statement.at_rest, *controller_states(statement.controllers, statement.time_unit)}
@@ -137,6 +143,7 @@ def _mass_table(statement: Statement) -> dict[str, Any]:
 
 
 _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that are not written entry by entry, key by key
+    "time": _time_table,
     "mass": _mass_table,
     "states": _state_tables,
     "controllers": _controllers,

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.units import SECONDS
+from xdynamics.schema import SHOWN_IN
+from xdynamics.units import SECONDS, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,7 +18,7 @@ FEWEST_WHOLE = 5.0  # of a unit that a run lasts for it to be written so
 
 
 def long_unit(time: xr.DataArray) -> tuple[str, float]:
-    """Return the unit that times are written in, and how long it lasts in the unit recorded.
+    """Return the unit that times are written in, and how long it lasts in the unit recorded: what the model says, or long ones.
 
     Examples
     --------
@@ -27,9 +28,17 @@ def long_unit(time: xr.DataArray) -> tuple[str, float]:
     ('years', 31557600.0)
     """
     units = str(time.attrs.get("units", SECONDS.text))
+    if shown := time.attrs.get(SHOWN_IN):
+        return str(shown), float(parse_unit(str(shown)).factor)
     latest = float(np.nanmax(np.abs(time.values))) if time.size else 0.0
     if units == SECONDS.text:
         for name, size in LONG_UNITS:
             if latest >= FEWEST_WHOLE * size:
                 return name, size
     return units, 1.0
+
+
+def in_long_unit(time: xr.DataArray, value: float) -> str:
+    """Return one of the times in the unit that people read, in brackets; nothing where it is the one recorded."""
+    name, size = long_unit(time)
+    return "" if size == 1.0 else f" ({value / size:.6g} {name})"

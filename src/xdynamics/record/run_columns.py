@@ -175,7 +175,8 @@ def factors(layout: Layout, scales: Scales) -> Array:
 
 def _step_columns(about: ColumnContext) -> list[Column]:
     units, layout, model = about.units, about.layout, about.model
-    collected = [Column(step, take_row(layout.row.offset_of(step.name), units.time)) for step in schema.FIXED_STEPS[:2]]
+    steps = [_shown_time(model), schema.FIXED_STEPS[1]]
+    collected = [Column(step, take_row(layout.row.offset_of(step.name), units.time)) for step in steps]
     collected.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
     collected.append(Column(schema.STEP_NUMBER, LogBlock.of_rows))
     collected.append(_regime_column(about))
@@ -216,6 +217,12 @@ def _step_columns(about: ColumnContext) -> list[Column]:
         rests = zip(layout.used.blocks, layout.low_parts.blocks[1:], strict=True)
         collected += [rest_column(about, entry, rest_block) for entry, rest_block in rests]
     return collected + effort_columns(layout)
+
+
+def _shown_time(model: Model) -> Variable:
+    """Return the variable of times, with the unit that people read them in, if the model says one."""
+    time, shown = schema.FIXED_STEPS[0], model.statement.shown_time
+    return time if shown is None else replace(time, more={**time.more, schema.SHOWN_IN: shown.text})
 
 
 def _computed_quantities(about: ColumnContext) -> Iterator[tuple[Quantity, str]]:
