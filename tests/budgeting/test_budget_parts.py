@@ -503,7 +503,7 @@ def test_a_drawn_budget_in_words_says_both_intervals() -> None:
         "drawn     shortest 95% interval 2.01 to 3.90 s, its ends ± 0.01 s",
         "drawn     symmetric 95% interval 2.03 to 3.96 s, its ends ± 0.01 s",
         "drawn     standard uncertainty 0.499 ± 0.006 s, of 4000 draws",
-        "linear    not checked: its interval ends 0.004 s from that of the draws; 4000 draws leave it open, about 23000 settle it",
+        "linear    undecided: its interval ends 0.004 s from that of the draws; 4000 draws leave it open, about 23000 settle it",
     ]
     settled = found.drop_attrs(deep=False).assign_attrs(
         {key: attr for key, attr in found.attrs.items() if key != "draws_needed"}

@@ -170,7 +170,9 @@ def check_path_target(path: Path, model: Model | None = None) -> None:
     check_no_backslash(path)
     kind = ask_path(path, path_kind)
     if kind == "a directory":
-        raise InputError(f"'{path}' is a directory; name a file in it, like '{path / 'run.nc'}'")
+        raise InputError(
+            f"'{path}' is a directory; name a file in it, like '{path / ('run' + (path.suffix or '.nc'))}'"
+        )
     if kind:
         raise InputError(f"'{path}' is {kind}; name a file")
     folder = ask_path(path, Path.resolve).parent if path.is_symlink() else path.parent

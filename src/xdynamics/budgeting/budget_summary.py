@@ -144,7 +144,7 @@ def budget_lines(budget: xr.Dataset) -> Iterator[str]:
         )
     standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{text}"]) for text in ("", "_doubt"))
     yield f"drawn     standard uncertainty {contribution_text(standard, doubt)}{unit}, of {draws} draws"
-    verdict = words_of_flag(budget["linear_verdict"])[0].replace("_", " ")
+    verdict = words_of_flag(budget["linear_verdict"])[0].replace("not_checked", "undecided").replace("_", " ")
     remedy = f"; {draws_needed_text(budget)}" if stated_value(budget, "draws_needed") is not None else ""
     yield (
         f"linear    {verdict}: its interval ends {short_size(float(stated_value(budget, 'linear_apart')), 2)}{unit} from that of the"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from xdynamics.budgeting.budget_summary import contribution_text, drawn_doubt
+from xdynamics.budgeting.budget_summary import contribution_text, drawn_doubt, draws_needed_text
 from xdynamics.evidence.evidence_dataset import stated_value
 from xdynamics.figures.line_panels import GREY
 from xdynamics.figures.marks import COLOURS, draw_line, escaped_text, label_panel
@@ -189,7 +189,9 @@ def _draw_intervals(budget: xr.Dataset, axes: Axes) -> None:
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.locator_params(axis="x", nbins=4)  # numbers that differ in their last digits are long
     verdict = words_of_flag(budget["linear_verdict"])[0].replace("_", " ")
-    title = f"{coverage:.0%} intervals; the linear budget is {verdict}"
+    needs_draws = verdict == "not checked" and stated_value(budget, "draws_needed") is not None
+    judged = draws_needed_text(budget) if needs_draws else f"the linear budget is {verdict}"
+    title = f"{coverage:.0%} intervals; {judged}"
     label_panel(axes, title, x=(str(budget.attrs["of"]), str(budget["value"].attrs["units"])))
     axes.legend(**KEY)
 

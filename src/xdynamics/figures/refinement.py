@@ -24,7 +24,7 @@ from xdynamics.figures.marks import at_time, draw_line, escaped_text, label_pane
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.sweep import KEY, parts_along, settings_note, value_suffix
 from xdynamics.record.flag_words import in_prose, words_of_flag
-from xdynamics.schema import AT, AT_TIME, CYCLE, EVIDENCE, LEVEL
+from xdynamics.schema import AT, AT_TIME, CYCLE, EVIDENCE, LEVEL, OCCURRENCE
 from xdynamics.shapes import split_element_name
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import short_number, with_uncertainty
@@ -204,6 +204,8 @@ def _draw_number_levels(study: xr.Dataset, name: str, axes: Axes) -> None:
     steps = varied.values if is_number else np.arange(varied.size, dtype=float)
     for k in range(min(MOST_PLACES, study.sizes[place_dim]) if place_dim else 1):
         place = {place_dim: k} if place_dim else {}
+        if place_dim == OCCURRENCE and np.isnan(variable.isel(place).values).all():
+            continue  # another event happens as often
         change, doubt = (
             np.abs(study[f"{kind}_{name}"].isel(place).values) for kind in ("difference", "interpolation_error")
         )

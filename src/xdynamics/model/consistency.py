@@ -260,11 +260,13 @@ def _check_controller(
 
 def _check_rates(statement: Statement, dimensions: Mapping[str, Dimension], time: Dimension, ledger: Ledger) -> None:
     """Check the rate of each state, and its terms."""
+    written_otherwise = any(state.own_rate is not None or state.terms for state in statement.states.values())
+    known = {**dimensions, **_accelerations(statement, dimensions)} if written_otherwise else dimensions
     for name, state in statement.states.items():
         trees = {"rate": state.written_rate} | {f"term '{term}'": tree for term, tree in state.terms.items()}
         for label, tree in trees.items():
             if tree is not None:
-                check_tree_dimension(ledger, f"{label} of state '{name}'", tree, dimensions, dimensions[name] / time)
+                check_tree_dimension(ledger, f"{label} of state '{name}'", tree, known, dimensions[name] / time)
 
 
 def _check_regimes(statement: Statement, ledger: Ledger) -> None:

@@ -274,7 +274,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "states": Section(
         "first-order companions of the motion: fuel, charge, memory of a controller", "state",
-        (Key("unit", UNIT, "of the state", NEEDED), Key("rate", EXPRESSION.with_unit("that unit per second"), "how fast it changes; terms are added to it", "needed without terms", "written_rate", None), Key("terms", EXPRESSIONS, "parts of the rate by name, which are added to it; one that regimes list acts in these alone, others always", "none"), Key("smooth", FLAG, "as of forces", "false"), DIMS, DESCRIPTION),
+        (Key("unit", UNIT, "of the state", NEEDED), Key("rate", EXPRESSION.with_unit("that unit per second"), "how fast it changes; terms are added to it. It may read accelerations, a_x**2, where neither contacts nor constraints change them", "needed without terms", "written_rate", None), Key("terms", EXPRESSIONS, "parts of the rate by name, which are added to it; one that regimes list acts in these alone, others always", "none"), Key("smooth", FLAG, "as of forces", "false"), DIMS, DESCRIPTION),
         '[states.fuel]\nunit = "kg"\nrate = "-1e-3*kilogram/second*abs(v_x)/(1*metre/second)"\nsmooth = true\ndescription = "what is left"\n'
         '[states.warmth]\nunit = "J"\ndims = ["bead", "site"]\nrate = "-warmth/(3*second)"\n'
         '[states.room]\nunit = "K"\nterms = { loss = "-(room - 280*kelvin)/hour", heater = "20*kelvin/hour" }\n',

@@ -104,7 +104,8 @@ class State:
     """A first-order state beside the motion; `smooth` as in `Force`.
 
     Its rate is an expression, or the sum of one and of terms by name, of which those that regimes list act in these
-    alone. `own_rate` is then what stands beside the terms, and `acting` the terms as they are in the current regime.
+    alone. `own_rate` is then what stands beside the terms, and `acting` the terms as they are in the current regime. Of a
+    rate that reads accelerations `own_rate` is what was written, and `rate` has the forces over the masses.
     """
 
     unit: Unit
@@ -118,8 +119,8 @@ class State:
 
     @property
     def written_rate(self) -> Node | None:
-        """The rate as it was written, without the terms."""
-        return self.own_rate if self.terms else self.rate
+        """The rate as it was written: without the terms, and with accelerations by their names."""
+        return self.own_rate if self.terms or self.own_rate is not None else self.rate
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, read_log_columns
+from xdynamics.model.accelerations import with_accelerations
 from xdynamics.model.body_reading import with_bodies
 from xdynamics.model.controllers import check_controllers, controller_states
 from xdynamics.model.controllers import start_values as first_values
@@ -88,7 +89,11 @@ def read_statement(statement: Mapping[str, Any], path: Path, functions: Function
         else:
             parts["mass"] = _read_mass(tables["mass"], parts["coordinates"], source)
     ledger.raise_faults()
-    return Statement(**parts)
+    complete = Statement(**parts)
+    with ledger.entry("states"):
+        complete = with_accelerations(complete)
+    ledger.raise_faults()
+    return complete
 
 
 def _split_arrays(

@@ -440,6 +440,8 @@ def _number_lines(study: xr.Dataset, name: str, element_text: str) -> Iterator[s
     for k in range(count if places != [OCCURRENCE] else min(count, MOST_SHOWN)):
         index = {places[0]: k} if places else {}
         value = float(variable.isel(index)[-1])
+        if places == [OCCURRENCE] and np.isnan(variable.isel(index).values).all():
+            continue  # another event happens as often
         where = (
             ""
             if not places
