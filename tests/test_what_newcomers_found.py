@@ -218,12 +218,19 @@ def test_a_root_at_zero_in_a_potential_says_what_to_write() -> None:
     )
 
 
-def test_a_step_where_refine_needs_several_says_what_to_write() -> None:
-    """Assert the example with the given step and tolerance."""
-    with pytest.raises(xd.InputError, match='say, steps=."30 ms", "15.0 ms", "7.5 ms".'):
-        xd.refine(spring("1 N/m"), method="rk4", step="30 ms", until="1 s")
-    with pytest.raises(xd.InputError, match="say, rtols=.1e-08, 1e-09, 1e-10."):
-        xd.refine(spring("1 N/m"), method="dop853", rtol=1e-8, until="1 s")
+def test_refine_takes_the_coarsest_step_or_tolerance_alone() -> None:
+    """Assert five levels as of the command line, each a half or a tenth of the one before; both at once are refused."""
+    by_steps = xd.refine(spring("1 N/m"), method="rk4", step="40 ms", until="1 s")
+    assert by_steps.step_size.values == pytest.approx([0.04, 0.02, 0.01, 0.005, 0.0025])
+    assert by_steps.order_x.values.ravel()[1:4] == pytest.approx([4.0, 4.0, 4.0], abs=0.1)
+    by_tolerances = xd.refine(spring("1 N/m"), method="dop853", rtol=1e-5, until="1 s")
+    assert by_tolerances.rtol.values == pytest.approx([1e-5, 1e-6, 1e-7, 1e-8, 1e-9])
+    declared = xd.refine(spring("1 N/m", run={"method": "rk4", "step": "20 ms", "until": "1 s"}))
+    assert declared.step_size.values[0] == 0.02
+    with pytest.raises(xd.InputError, match="step and rtol are both given; one of them is varied"):
+        xd.refine(spring("1 N/m"), method="dop853", rtol=1e-8, step="1 s", until="1 s")
+    with pytest.raises(xd.InputError, match="has no step in its .run.; give step or rtol, the coarsest one"):
+        xd.refine(spring("1 N/m"), method="dop853", until="1 s")
 
 
 def test_the_text_of_a_model_is_no_path() -> None:

@@ -166,10 +166,9 @@ def test_the_uncertainty_is_near_the_error(request: pytest.FixtureRequest) -> No
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        (
-            {},
-            r"refine needs steps=\[…\], rtols=\[…\], time_tolerances=\[…\], precisions=\[…\] or rules=\[…\], one of them",
-        ),
+        ({"step": 0.1, "rtol": 1e-3}, "step and rtol are both given; one of them is varied"),
+        ({"rtol": "fine"}, "rtol is 'fine', needs a number"),
+        ({"step": "1 m"}, "step"),
         ({"steps": [0.1, 0.05], "rtols": [1e-3, 1e-4]}, "one of them"),
         ({"steps": "10 ms"}, "steps is '10 ms', needs a row of them"),
         ({"steps": [0.1]}, "need 2 or more that get smaller"),

@@ -135,7 +135,7 @@ def _setting_levels(
     model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, ratio: float | None
 ) -> dict[str, Any]:
     """Return the varied setting, from its coarsest value, the number of levels and their ratio."""
-    from xdynamics.evidence.refining.levels import RTOLS, STEPS, TIME_TOLERANCES
+    from xdynamics.evidence.refining.levels import TIME_TOLERANCES, levels_from_coarsest
     from xdynamics.faults import InputError
     from xdynamics.units import time_in
 
@@ -143,26 +143,10 @@ def _setting_levels(
         raise InputError(
             f"--levels is {levels} and --ratio {ratio}; there is at least one level, and a ratio is above 1"
         )
-    if time_tolerance is not None:
-        varied, first, fixed = (
-            TIME_TOLERANCES,
-            time_in(model.time_unit, time_tolerance, "--time-tolerance"),
-            {"step": step, "rtol": rtol},
-        )
-    elif step is not None and rtol is not None:
-        raise InputError("--step and --rtol are both given; one of them is varied")
-    elif rtol is not None:
-        try:
-            varied, first, fixed = RTOLS, float(rtol), {}
-        except ValueError:
-            raise InputError(f"--rtol is {rtol!r}, needs a number") from None
-    else:
-        coarsest = step or model.run.get("step")
-        if coarsest is None:
-            raise InputError(f"model '{model.name}' has no step in its [run]; give --step or --rtol, the coarsest one")
-        varied, first, fixed = STEPS, time_in(model.time_unit, coarsest, "--step"), {}
-    factor = ratio or varied.ratio
-    return fixed | {varied.keyword: [first / factor**k for k in range(levels)]}
+    if time_tolerance is None:
+        return levels_from_coarsest(model, step, rtol, count=levels, ratio=ratio, head="--")
+    first, factor = time_in(model.time_unit, time_tolerance, "--time-tolerance"), ratio or TIME_TOLERANCES.ratio
+    return {"step": step, "rtol": rtol, TIME_TOLERANCES.keyword: [first / factor**k for k in range(levels)]}
 
 
 def _check_output(output: str | None) -> None:

@@ -19,7 +19,7 @@ from xdynamics.methods.scheme import PRECISIONS, REINTEGRATE, RULES
 from xdynamics.model import Model
 from xdynamics.model.switches import smooth_switches
 from xdynamics.model.toml import section_tables
-from xdynamics.units import Quantity, Unit, parse_quantity, time_in
+from xdynamics.units import Quantity, Unit, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 FEWEST = 2  # levels
 MOST = 24  # levels, if they are added until changes are small
-FINER = {"step": (2, 4), "rtol": (10, 100)}  # what one step, or one tolerance, is divided by in an example
+COUNT = 5  # of levels, where the coarsest one is given alone
 LOCATED = ("events", "contacts", "frictions")  # sections whose entries have time tolerances
 
 
@@ -118,12 +118,9 @@ class Levels:
         """
         varied_candidates = [candidate for candidate in ALL if choices[candidate.keyword] is not None]
         if len(varied_candidates) != 1:
-            example = next(
-                (_example(key, shared_settings[key]) for key in ("step", "rtol") if key in shared_settings), ""
-            )
             raise InputError(
                 f"refine needs {', '.join(f'{candidate.keyword}=[…]' for candidate in ALL[:-1])} or rules=[…], one of"
-                f" them{example}"
+                " them"
             )
         varied, values = varied_candidates[0], choices[varied_candidates[0].keyword]
         if isinstance(values, str | float | int):
@@ -248,15 +245,43 @@ def absolute_tolerances(model: Model, settings: dict[str, Any], ratio: float = 1
     return {"atol": scaled} if scaled else {}
 
 
-def _example(key: str, value: Any) -> str:
-    """Return how to refine where one step, or one tolerance, was given."""
-    try:
-        given = parse_quantity(str(value))
-    except InputError:
-        return ""
-    finer = [str(replace(given, value=given.value / factor)).removesuffix(" 1") for factor in FINER[key]]
-    levels = ", ".join(f'"{text}"' if " " in text else text for text in (str(value), *finer))
-    return f"; in the place of {key} = {value!r}, say, {key}s=[{levels}]"
+def levels_from_coarsest(
+    model: Model, step: Any, rtol: Any, *, count: int = COUNT, ratio: float | None = None, head: str = ""
+) -> dict[str, list[float]]:
+    """Return the levels that begin with one step, by default that of the model's [run], or with one tolerance.
+
+    Parameters
+    ----------
+    model : Model
+    step, rtol : optional
+        One of them.
+    count : int
+        Of the levels.
+    ratio : float, optional
+        From one to the next; by default 2 for steps and 10 for tolerances.
+    head : str
+        What stands before the names of settings in messages.
+
+    Raises
+    ------
+    InputError
+        If both are given, or neither, or one is none.
+    """
+    coarsest = step if step is not None or rtol is not None else model.run.get("step")
+    if step is not None and rtol is not None:
+        raise InputError(f"{head}step and {head}rtol are both given; one of them is varied")
+    if rtol is None and coarsest is None:
+        raise InputError(
+            f"model '{model.name}' has no step in its [run]; give {head}step or {head}rtol, the coarsest one"
+        )
+    if rtol is None:
+        varied, first = STEPS, time_in(model.time_unit, coarsest, f"{head}step")
+    else:
+        try:
+            varied, first = RTOLS, float(rtol)
+        except (TypeError, ValueError):
+            raise InputError(f"{head}rtol is {rtol!r}, needs a number") from None
+    return {varied.keyword: [first / (ratio or varied.ratio) ** k for k in range(count)]}
 
 
 def _read_level_value(model: Model, varied: Varied, value: Any) -> Any:

@@ -20,7 +20,7 @@ from xdynamics.evidence.kept_results import folder_named
 from xdynamics.evidence.observables import is_observable, observables_of
 from xdynamics.evidence.refining.convergence import STEADY
 from xdynamics.evidence.refining.findings import StudyResults, study_dataset, study_stage
-from xdynamics.evidence.refining.levels import FEWEST, RTOLS, STEPS, Levels
+from xdynamics.evidence.refining.levels import FEWEST, RTOLS, STEPS, Levels, levels_from_coarsest
 from xdynamics.evidence.refining.readings import summary_of_finest
 from xdynamics.evidence.refining.study import Study, numbers_by_name
 from xdynamics.evidence.refining.subjects import AFTER, ENERGY_RANGE, PERIOD, PHASE, StudyQuantities
@@ -178,11 +178,12 @@ def refine(
     method : str, optional
         As for `simulate`, like everything in `asked`; the same for all levels.
     steps, rtols, time_tolerances, precisions, rules : sequence
-        Exactly one of these is varied, from coarse to fine, over at least two levels: steps like ``["10 ms", "5 ms"]``;
+        One of these is varied, from coarse to fine, over at least two levels: steps like ``["10 ms", "5 ms"]``;
         relative tolerances, with an `atol` in proportion (the given one is that of the first level; without one it
         follows the sizes of the variables); the time to which every event, contact and switch is located;
         ``["float64", "double_double"]``, whose difference is the rounding error, to the spacing of floats;
-        ``["interpolant", "reintegrate"]``, by which states between accepted ones and events are found.
+        ``["interpolant", "reintegrate"]``, by which states between accepted ones and events are found. With none of them
+        `step` or `rtol` is the coarsest of five levels, each a half of the one before, or a tenth.
     at : times, optional
         Where to compare; by default at the earliest end of a level's run. If a time is an accepted one in every level,
         nothing is interpolated.
@@ -251,6 +252,8 @@ def refine(
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     choices: dict[str, Any] = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances}
     choices |= {"precisions": precisions, "rules": rules}
+    if all(choice is None for choice in choices.values()):
+        choices |= levels_from_coarsest(model, asked.pop("step", None), asked.pop("rtol", None))
     shared = asked | ({"method": method} if method else {}) | ({"memory": memory} if memory is not None else {})
     bounds, many = _level_limits(most_rows, memory), requested_count(occurrences, "occurrences")
     folder = None if keep is None else folder_named(keep)
