@@ -124,9 +124,8 @@ def solve(
     >>> run.attrs["run_outcome"], float(run.rho), round(float(run.x[-1]), 4)
     ('completed', 28.0, -9.3786)
     """
-    between = bool(
-        settings.pop("dense_output", False)
-    )  # with t_eval alone it has an effect: a run has states between rows
+    # beside t_eval alone it has an effect: a run has states between its rows
+    between = bool(settings.pop("dense_output", False))
     settings = {option: value for option, value in settings.items() if option not in WITHOUT_EFFECT}
     known = [*inspect.signature(simulate).parameters, "first_step"]
     if unknown := next((option for option in settings if option not in known), ""):
