@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -78,8 +79,7 @@ def read_statement(statement: Mapping[str, Any], path: Path, functions: Function
     parts |= _read_start(parts, start, ledger)
     with ledger.entry("correlations"):
         parts["correlations"] = correlations_of(tables["correlations"])
-    shown = tables["time"].get("unit", SECONDS.text)
-    parts["shown_time"] = None if shown in (SECONDS.text, NUMBERS.text) else parse_unit(shown)
+    parts["shown_time"] = _read_shown_time(tables["time"].get("unit", SECONDS.text))
     parts["run"] = _read_run_settings(tables["run"], parts["time_unit"], ledger)
     ledger.raise_faults()
     with ledger.entry("lagrangian" if parts.get("lagrangian") else "mass"):
@@ -89,11 +89,21 @@ def read_statement(statement: Mapping[str, Any], path: Path, functions: Function
         else:
             parts["mass"] = _read_mass(tables["mass"], parts["coordinates"], source)
     ledger.raise_faults()
-    complete = Statement(**parts)
+    return _with_accelerations(Statement(**parts), ledger)
+
+
+def _read_shown_time(unit: Any) -> Unit | None:
+    """Return the unit that people read times in; None where it is that of the record, or the section has a fault."""
+    with suppress(InputError):
+        return None if unit in (SECONDS.text, NUMBERS.text) else parse_unit(unit)
+    return None
+
+
+def _with_accelerations(statement: Statement, ledger: Ledger) -> Statement:
     with ledger.entry("states"):
-        complete = with_accelerations(complete)
+        statement = with_accelerations(statement)
     ledger.raise_faults()
-    return complete
+    return statement
 
 
 def _split_arrays(
