@@ -230,7 +230,11 @@ def test_two_processes_keep_out_of_each_others_way(tmp_path: Path) -> None:
     fcntl.flock(handle, fcntl.LOCK_EX)
     with pytest.raises(xd.InputError, match="another process writes into"):
         xd.sweep(BALL, {"v_y": np.linspace(10.0, 20.0, 6)}, path=tmp_path / "s", **LONG)
+    with pytest.raises(xd.InputError, match="another process writes into"):  # no advice to remove what is being written
+        xd.sweep(BALL, {"v_y": [1.0, 2.0]}, path=tmp_path / "s", **LONG)
     os.close(handle)
+    with pytest.raises(xd.InputError, match="or give it up by removing '.*s' whole"):
+        xd.sweep(BALL, {"v_y": [1.0, 2.0]}, path=tmp_path / "s", **LONG)
     assert xd.sweep(BALL, {"v_y": np.linspace(10.0, 20.0, 6)}, path=tmp_path / "s", **LONG).sizes["v_y"] == 6
 
 
