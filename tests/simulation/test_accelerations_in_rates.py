@@ -91,3 +91,15 @@ def test_the_root_mean_square_of_a_seat() -> None:
     run = xd.simulate(oscillator(), method="rk4", step="1 ms", until="5 s")
     rms = np.sqrt(float((run.a_x**2).integrate("time")) / 5.0)
     assert np.sqrt(float(run.J[-1]) / 5.0) == pytest.approx(rms, rel=1e-6)
+
+
+def test_where_a_motion_would_slide_it_ends_in_words() -> None:
+    """Assert that a block that comes to hold does not go on with a mean of squares, whose own acceleration is 0."""
+    model = oscillator(
+        forces={"rub": {"x": "-4*newton*sign(v_x)"}}, initial={"x": "0 m", "v_x": "1 m/s", "J": "0 m2 s-3"}
+    )
+    with pytest.warns(UserWarning, match="did not reach"):
+        run = xd.simulate(model, method="dop853", rtol=1e-9, until="2 s")
+    assert run.attrs["run_outcome"] == "sliding_mode"
+    assert float(run.time[-1]) == pytest.approx(0.5, rel=1e-9)
+    assert float(run.J[-1]) == pytest.approx(2.0, rel=1e-9)

@@ -46,6 +46,17 @@ def with_accelerations(statement: Statement) -> Statement:
     return replace(statement, states=states)
 
 
+def read_accelerations(statement: Statement) -> bool:
+    """Whether rates, as they are written, read accelerations: what they make of these is no convex combination of sides."""
+    names = {*map(acceleration, statement.coordinates)}
+    return any(
+        not names.isdisjoint(free_names(tree))
+        for state in statement.states.values()
+        for tree in (state.written_rate, *state.terms.values())
+        if tree is not None
+    )
+
+
 def _names_in(state: State, definitions: Mapping[str, Node]) -> set[str]:
     return free_names(expand(state.rate, definitions))
 

@@ -20,6 +20,7 @@ from xdynamics.expressions import CALLED_ALONE, Binary, Call, Node, Number, expa
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
+from xdynamics.model.accelerations import read_accelerations
 from xdynamics.model.model import Model
 from xdynamics.model.motion import motion, probe_states, variables
 from xdynamics.model.parts import ACTIONS, Event, Function
@@ -84,7 +85,7 @@ def surfaces(model: Model) -> tuple[Surface, ...]:
         return ()
     # what changes forces at a time without an event would change shares: ticks, and tables that jump
     jumps = any(drive.jumps for drive in elements.drives.values())
-    if model.python_functions or model.delays or statement.controllers or jumps:
+    if model.python_functions or model.delays or statement.controllers or jumps or read_accelerations(statement):
         return ()
     groups: list[_Group] = []
     for i, (name, event) in enumerate(elements.events.items()):
