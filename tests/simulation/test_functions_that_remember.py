@@ -237,3 +237,17 @@ def test_a_period_whose_ends_are_one_point() -> None:
     """Assert `np.interp` with a period where the table has both its ends."""
     run = xd.solve(lambda t, y: [np.interp(t, [0, 0.5, 1], [0, 1, 0], period=1) + 0 * y[0]], (0, 2), [0.0], rtol=1e-10)
     assert float(run.y0[-1]) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_function_without_global_names_leaves_its_module_alone() -> None:
+    """Assert that what else a module holds is neither looked at nor put back."""
+    from xdynamics.expressions.memory import Remembered
+
+    scope: dict[str, Any] = {"__name__": "__main__"}
+    exec("def rates(t, y):\n    return [-y[0]]\n\nclass Empty: pass\n", scope)
+    memory = Remembered((scope["rates"], scope["Empty"]))
+    scope["later"] = 1.0
+    memory.note()
+    memory.recall()
+    assert memory.seen == []
+    assert scope["later"] == 1.0

@@ -146,10 +146,12 @@ def _places(value: Any) -> Iterator[_Place]:
     match value:
         case FunctionType() if _is_of_user(value):
             yield from map(_Place, value.__closure__ or ())
-            yield _Place(value.__globals__, frozenset(names_in(value.__code__)))
+            if names := names_in(value.__code__):  # without one the place would be all of the module
+                yield _Place(value.__globals__, frozenset(names))
             yield _Place(value.__dict__)
         case type() if _is_of_user(value):
-            yield _Place(value, frozenset(name for name in vars(value) if not name.startswith("__")))
+            if names := frozenset(name for name in vars(value) if not name.startswith("__")):
+                yield _Place(value, names)
         case list() | dict() | set() | deque():
             if len(value) <= LARGEST:
                 yield _Place(value)
@@ -180,7 +182,8 @@ def _behind(value: Any) -> list[Any]:
         case partial():
             return [value.func, *value.args, *value.keywords.values()]
         case type():
-            return [member for member in vars(value).values() if isinstance(member, FunctionType)]
+            members = vars(value).values() if _is_of_user(value) else ()
+            return [member for member in members if isinstance(member, FunctionType)]
     return [type(value)] if _has_attributes(value) else []
 
 
