@@ -150,8 +150,8 @@ def _places(value: Any) -> Iterator[_Place]:
                 yield _Place(value.__globals__, frozenset(names))
             yield _Place(value.__dict__)
         case type() if _is_of_user(value):
-            if names := frozenset(name for name in vars(value) if not name.startswith("__")):
-                yield _Place(value, names)
+            if attributes := frozenset(name for name in vars(value) if not name.startswith("__")):
+                yield _Place(value, attributes)
         case list() | dict() | set() | deque():
             if len(value) <= LARGEST:
                 yield _Place(value)
