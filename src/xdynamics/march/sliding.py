@@ -81,9 +81,7 @@ class Sliding:
         Its run is another one where it slides along other switches than before.
         """
         run = self.march.run
-        candidates = [
-            surface for surface in surfaces(self._model) if self._is_slid_on(surface) or self._is_met(surface)
-        ]
+        candidates = self._candidates()
         ways = [*self._ways(candidates)] if len(candidates) <= MOST_AT_ONCE else []
         stands = candidates or self.along
         if len(ways) != 1 or not stands or not self._adds_up(tuple(candidates)):
@@ -98,6 +96,12 @@ class Sliding:
         run = self.march.run
         run.plan["resumes"] = AFTER_EVENT
         run.now["status"] = RUNNING if run.now["t"][0] < run.plan["end"][0] else COMPLETED
+
+    def _candidates(self) -> list[Surface]:
+        """Return the surfaces that the motion stands on, of which one that has the switches of another stands for both."""
+        found = [surface for surface in surfaces(self._model) if self._is_slid_on(surface) or self._is_met(surface)]
+        watched = {surface: {*surface.detectors(self._model)} for surface in found}
+        return [surface for surface in found if not any(watched[surface] < of_other for of_other in watched.values())]
 
     def recall(self, modes: Floats, regime: int) -> None:
         """March on along the switches that a march of these modes and this regime slid along."""
@@ -156,8 +160,18 @@ class Sliding:
         return surface in self.along and between
 
     def _is_met(self, surface: Surface) -> bool:
+        """Whether it has an event here and, if forces drive the rate of its function alone, this is zero as well."""
         hits = self.march.run.watches["hit"]
-        return any(hits[i] for i, _ in surface.detectors(self._model))
+        own = surface.detectors(self._model)[: len(surface.events) + len(surface.switches)]
+        if not any(hits[i] for i, _ in own) or surface.rate is None:
+            return any(hits[i] for i, _ in own)
+        rates, matrix, values = self._rates((surface,))
+        return bool(abs(values[0]) <= NEAR * self._span * (abs(rates[0]) + abs(matrix[0, 0])))
+
+    @property
+    def _span(self) -> float:
+        """The duration of the whole march."""
+        return float(self.march.run.plan[0]["end"] - self.march.run.plan[0]["start"])
 
     def _ways(self, candidates: Sequence[Surface]) -> Iterator[dict[Surface, int]]:
         """Yield the ways in which the motion may go on: the side of each switch, or 0 where it slides."""
@@ -168,9 +182,10 @@ class Sliding:
         rates, matrix, values = self._rates(along)
         sizes = np.abs(rates) + np.abs(matrix).sum(axis=1)
         fixed = {k: self._left_side(surface) for k, surface in enumerate(along) if self._is_left(surface)}
-        span = float(self.march.run.plan[0]["end"] - self.march.run.plan[0]["start"])
         for k, value in enumerate(values):
-            if along[k] in self.along and abs(value) > NEAR * span * sizes[k]:  # an event has set the state elsewhere
+            if (
+                along[k] in self.along and abs(value) > NEAR * self._span * sizes[k]
+            ):  # an event has set the state elsewhere
                 fixed[k] = 1 if value > 0.0 else -1
         for sides in product((-1, SLIDING, 1), repeat=len(along)):
             if any(sides[k] != side for k, side in fixed.items()):
@@ -205,12 +220,12 @@ class Sliding:
         return 1 if run.log_rows[place, row] > 0.5 else -1
 
     def _rates(self, along: tuple[Surface, ...]) -> tuple[Floats, Floats, Floats]:
-        """Return the rates of functions with all sides negative, what each positive side adds to them, and their values."""
+        """Return the rates of what is held with all sides negative, what each positive side adds to them, and its values."""
         model, n = self._model, len(along)
         trees = [*arm_rates(model, along, ())]
         for surface in along:
             trees += arm_rates(model, along, (surface,))
-        values = self._values([*trees, *(surface.function for surface in along)])
+        values = self._values([*trees, *(surface.held for surface in along)])
         rates, beyond, functions = np.split(values, [n, n + n * n])
         return rates, (beyond.reshape(n, n) - rates).T, functions
 

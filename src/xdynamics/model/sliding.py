@@ -53,6 +53,11 @@ class Surface:
         Numbers of the regimes of the negative and of the positive side.
     number : int
         Of the regime in which the motion slides, behind those of the model; -1 without regimes.
+    rate : Node, optional
+        The rate of the function where no side changes it, as velocities are the rates of positions: a motion that is
+        driven back to such a switch rests on it, or moves within it, where the rate is zero, too.
+    beside : tuple of (int, int)
+        Numbers of the switches whose functions are equal to the rate up to a factor: they are slid along with it.
     """
 
     name: str
@@ -61,11 +66,18 @@ class Surface:
     events: tuple[tuple[int, int], ...] = ()
     regimes: tuple[int, int] | None = None
     number: int = -1
+    rate: Node | None = None
+    beside: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def held(self) -> Node:
+        """What stays zero along it because of its share: its function, or the rate of this."""
+        return self.function if self.rate is None else self.rate
 
     def detectors(self, model: Model) -> tuple[tuple[int, int], ...]:
         """Return the numbers of its detectors, events before switches: models that slide have nothing between them."""
         first = len(model.elements.events)
-        return (*self.events, *((first + i, factor) for i, factor in self.switches))
+        return (*self.events, *((first + i, factor) for i, factor in (*self.switches, *self.beside)))
 
 
 @lru_cache(maxsize=64)
@@ -99,11 +111,27 @@ def surfaces(model: Model) -> tuple[Surface, ...]:
         if _may_be_slid_along(model, switch):
             group, factor = _group_of(model, groups, switch.function, switch.name)
             group.switches.append((i, factor))
-    return tuple(
-        Surface(group.name, group.function, tuple(group.switches), tuple(group.events), *between)
-        for k, group in enumerate(groups)
-        for between in [(_regimes_beside(model, group), len(model.regimes) + k) if group.events else ()]
-    )
+    return tuple(_surface_of(model, groups, k) for k in range(len(groups)))
+
+
+def _surface_of(model: RegimeModel, groups: Sequence[_Group], k: int) -> Surface:
+    """Return the surface of a group, of regimes or of switches; of a function of positions with its rate."""
+    group = groups[k]
+    name, function, switches = group.name, group.function, tuple(group.switches)
+    if group.events:
+        between = _regimes_beside(model, group), len(model.regimes) + k
+        return Surface(name, function, switches, tuple(group.events), *between)
+    rate = model.elements.rate_of(function)
+    driven = {item.name for item in motion(model.elements)}
+    if driven & model.elements.reads(rate):
+        return Surface(name, function, switches)
+    beside = [
+        (i, factor * sign)
+        for other in groups
+        if (sign := 0 if other.events else _sign_of_factor(model, rate, other.function))
+        for i, factor in other.switches
+    ]
+    return Surface(name, function, switches, rate=rate, beside=tuple(beside))
 
 
 @dataclass
@@ -232,7 +260,9 @@ class SlidingModel(RegimeModel):
             regime = [*self.plain.statement.regimes.values()][number]
             if owner in self.plain.statement.forces and owner not in regime.forces:
                 return ZERO
-        return expand(tree, {switch_side(i): Number(float(side * factor)) for i, factor in surface.switches})
+        return expand(
+            tree, {switch_side(i): Number(float(side * factor)) for i, factor in (*surface.switches, *surface.beside)}
+        )
 
 
 def sliding_model(model: RegimeModel, along: Sequence[Surface]) -> SlidingModel:
@@ -270,13 +300,13 @@ def shares(model: RegimeModel, along: tuple[Surface, ...]) -> tuple[Node, ...]:
 
 @lru_cache(maxsize=64)
 def arm_rates(model: RegimeModel, of: tuple[Surface, ...], positive: tuple[Surface, ...]) -> tuple[Node, ...]:
-    """Return the time derivatives of the functions of surfaces, where all but some of them are on their negative side."""
+    """Return the time derivatives of what stays zero along surfaces, where all but some of them are on their negative side."""
     arm = SlidingModel(model, {surface: ONE if surface in positive else ZERO for surface in of})
     known: dict[str, Node] = {}
     for item in motion(arm.elements):
         assert not isinstance(item.value, Function)  # noqa: S101 - a model with one has no surfaces
         known[item.name] = expand(item.value, known)
-    return tuple(expand(arm.elements.rate_of(surface.function), known) for surface in of)
+    return tuple(expand(arm.elements.rate_of(surface.held), known) for surface in of)
 
 
 def slid_along(model: Model) -> tuple[Surface, ...]:

@@ -18,12 +18,13 @@ from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import call_law
 from xdynamics.march.control import AT_BOTH, AT_NODE
-from xdynamics.march.events.departures import moment, step_ahead
+from xdynamics.march.events.departures import CROWDED, moment, step_ahead
 from xdynamics.march.events.root_finding import event_kind, has_passed
-from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign_of
+from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, event_resolution, sign_of
 from xdynamics.march.force_evaluation import evaluate_forces, put_reset_value, set_time
 from xdynamics.march.phases import WATCHERS, phase
 from xdynamics.march.run import Run
+from xdynamics.march.trial_step import copy_numbers
 from xdynamics.model.detectors import KINK, PERIODIC, SWITCH
 from xdynamics.schema import JUMP
 
@@ -197,7 +198,49 @@ def slides_along_switch(run: Run) -> bool:
             sliding = sliding or run.slopes[i] * -watch.armed < 0.0
         elif detector.role == KINK and detector.drive < 0 and watch.hit in (CROSSED, FORCED):
             watch.floor = abs(run.slopes[i]) * run.located[0].h if run.slopes[i] * -watch.armed < 0.0 else 0.0
-    return sliding
+    return rests_on_switch(run) or sliding
+
+
+@jit_separate
+def rests_on_switch(run: Run) -> bool:
+    """Whether the motion was at a switch a moment ago, and would be there again in another, driven back from both sides.
+
+    Where forces drive the rate of its function alone, as those on a mass drive its velocity, passages that crowd together
+    so have no motion behind them.
+    """
+    crowds = False
+    for i in range(run.detectors.shape[0]):
+        passed = run.detectors[i].role == SWITCH and run.watches[i].hit in (CROSSED, FORCED)
+        if passed and not run.detectors[i].of_time and run.detectors[i].drive < 0 and event_kind(run, i) != JUMP:
+            crowds = crowds or run.trial[0].h <= CROWDED * event_resolution(run, i, 0.0)
+    if not crowds:
+        return False
+    find_bends(run)
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].role == SWITCH and run.watches[i].hit in (CROSSED, FORCED) and run.detectors[i].drive < 0:
+            reach, side = CROWDED * event_resolution(run, i, 0.0), -run.watches[i].armed
+            if run.arguments[i] * side < 0.0 and 2.0 * abs(run.slopes[i]) <= reach * abs(run.arguments[i]):
+                return True
+    return False
+
+
+@jit_separate
+def find_bends(run: Run) -> None:
+    """Leave in `arguments` how fast the rates of event functions change, by those a moment after the trial's state.
+
+    The evaluation of forces that this takes is no part of a step, and is not counted.
+    """
+    evaluations, duration = run.now[0].evaluations, moment(run)
+    copy_numbers(run.z, run.whole)
+    copy_numbers(run.slopes, run.arguments)
+    step_ahead(run, run.whole, duration)
+    call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
+    for i in range(run.slopes.shape[0]):
+        before = run.arguments[i]
+        run.arguments[i], run.slopes[i] = (run.slopes[i] - before) / duration, before
+    copy_numbers(run.whole, run.z)
+    set_time(run, T, run.trial[0].t)
+    run.now[0].evaluations = evaluations
 
 
 @jit_separate
