@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from math import asin, pi, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -469,3 +470,121 @@ def test_forces_between_rows_are_those_along_the_switch() -> None:
     assert float(diagnosis.minimum_force_dry_x_time) == pytest.approx(pi / 2, abs=1e-6)
     sweep = xd.sweep(model, {"F": "0.7:0.9:3 N"}, method="dormand_prince", until="6 s", keep=["minimum_force_dry_x"])
     assert sweep.minimum_force_dry_x.values == pytest.approx([-0.7, -0.8, -0.9], abs=1e-9)
+
+
+AT_REST = {
+    "sign": {"f": "-2*newton*sign(x)"},
+    "sign and a push": {"f": "-2*newton*sign(x)", "push": "1*newton"},
+    "where": {"f": "where(x > 0*metre, -2*newton, 0.4*newton)"},
+    "with friction": {"f": "-2*newton*sign(x)", "dry": "-0.5*newton*sign(v_x)"},
+    "with a spring": {"f": "-2*newton*sign(x)", "spring": "-3*newton/metre*x"},
+}
+SHARES = {"sign": 0.5, "sign and a push": 0.75, "where": 1 / 6, "with friction": 0.5, "with a spring": 0.5}
+
+
+@pytest.mark.parametrize("method", [*METHODS, "velocity_verlet"])
+@pytest.mark.parametrize("case", AT_REST)
+def test_a_mass_at_rest_that_both_sides_drive_back_stays(case: str, method: str) -> None:
+    """Assert that it rests at zero to the bit with one share, where it was switched 10^11 times a second."""
+    if method == "velocity_verlet" and case == "with friction":
+        pytest.skip("a force that reads velocities has no such method")
+    given = {"step": "10 ms"} if method == "velocity_verlet" else {}
+    run = march(braked(AT_REST[case]), method, **given)
+    assert run.attrs["run_outcome"] == "completed"
+    assert set(kinds(run)) == {"slide"}
+    assert set(run.event_time.values.tolist()) == {0.0}
+    assert not run.x.values.any()
+    assert not run.v_x.values.any()
+    (share,) = [run[name] for name in run.data_vars if str(name).startswith("switch_share_f")]
+    assert share.values[2:] == pytest.approx(SHARES[case], abs=1e-15)
+    assert {gate.verdict for gate in audit(run)} == {"passed"}
+
+
+def test_a_potential_with_an_edge_holds_a_mass_and_keeps_its_energy() -> None:
+    """Assert that 2 N |x| holds what rests at its edge, and lets go of what is pushed harder, at asin(2/3)."""
+    model = xd.Model(
+        name="edge",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        forces={"valley": {"potential": "2*newton*abs(x)"}, "push": {"x": "3*newton*sin(t/second)"}},
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+    )
+    run = march(model, until="1 s", rtol=1e-11)
+    assert kinds(run) == ["slide", "leave"]
+    left = asin(2 / 3)
+    assert run.event_time.values[1] == pytest.approx(left, abs=1e-10)
+    past = 1.0 - left
+    there = 3 * (np.cos(left) * past + np.sin(left) - np.sin(1.0)) - past**2
+    assert float(run.x[-1]) == pytest.approx(there, abs=1e-10)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_passages_that_crowd_together_end_at_rest(method: str) -> None:
+    """Assert when a mass that a sign drives back and dry friction brakes comes to rest: a geometric series of swings.
+
+    From x it comes to the switch after sqrt(2 x/(F - D)); each swing is sqrt((F - D)/(F + D)) of the one before.
+    The `twisting algorithm`: Levant, Int. J. Control 58, 1993, doi:10.1080/00207179308923053.
+    """
+    force, dry, start = 2.0, 0.5, 0.3
+    run = march(braked(AT_REST["with friction"], x=f"{start} m"), method, "6 s")
+    assert run.attrs["run_outcome"] == "completed"
+    speed, ratio = sqrt(2 * (force - dry) * start), sqrt((force - dry) / (force + dry))
+    swing = speed / (force + dry) * (1 + 1 / ratio)
+    ends = speed / (force - dry) + swing / (1 - ratio)
+    assert kinds(run)[-1] == "slide"
+    assert float(run.event_time[-1]) == pytest.approx(ends, abs=1e-8)
+    assert abs(float(run.x[-1])) < 1e-9
+    assert abs(float(run.v_x[-1])) < 1e-9
+    assert run.sizes["event"] < 400
+
+
+def test_a_mass_moves_within_a_valley() -> None:
+    """Assert the motion along an inclined edge, and along a circle, that forces on both sides drive it back to."""
+    plane = {
+        "coordinates": {"x": "m", "y": "m"},
+        "mass": {"x": "1*kilogram", "y": "1*kilogram"},
+    }
+    side = "sign(x - 0.3*y)"
+    model = xd.Model(
+        name="edge",
+        forces={"edge": {"x": f"-2*newton*{side}", "y": f"0.6*newton*{side}"}, "weight": {"y": "-1*newton"}},
+        initial={"x": "0 m", "v_x": "0.3 m s-1", "y": "0 m", "v_y": "1 m s-1"},
+        **plane,
+    )
+    run, t = march(model), 3.0
+    y = t - t * t / (2 * 1.09)
+    assert (float(run.x[-1]), float(run.y[-1])) == pytest.approx((0.3 * y, y), abs=1e-9)
+    side = "sign(x*x + y*y - metre**2)"
+    model = xd.Model(
+        name="circle",
+        forces={"edge": {q: f"-3*newton*{side}*{q}/metre" for q in ("x", "y")}},
+        initial={"x": "1 m", "v_x": "0 m s-1", "y": "0 m", "v_y": "1 m s-1"},
+        **plane,
+    )
+    run = march(model, rtol=1e-11)
+    assert (float(run.x[-1]), float(run.y[-1])) == pytest.approx((np.cos(3.0), np.sin(3.0)), abs=1e-8)
+
+
+def test_a_rest_on_a_switch_is_the_same_everywhere(tmp_path: Path) -> None:
+    """Assert a sweep, a file, a run that goes on, states inside steps, and words where nothing may slide."""
+    model = braked(AT_REST["sign and a push"])
+    run = march(model)
+    path = tmp_path / "rest.nc"
+    xd.save(run, path)
+    assert xd.reproduce(path).attrs["identical"]
+    assert not xd.sample(run, [0.1, 1.7]).x.values.any()
+    longer = xd.extend(march(model, until="1 s"), until="3 s")
+    assert float(longer.x[-1]) == 0.0
+    pushed = xd.Model(
+        name="pushed",
+        coordinates={"x": "m"},
+        parameters={"p": "1 N"},
+        mass={"x": "1*kilogram"},
+        forces={"f": {"x": "-2*newton*sign(x)"}, "push": {"x": "p"}},
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+    )
+    swept = xd.sweep(pushed, {"p": np.array([1.0, 1.5, 3.0])}, method="dormand_prince", until="2 s").compute()
+    assert swept.x.values == pytest.approx([0.0, 0.0, 2.0], abs=1e-12)
+    with pytest.warns(xd.AccuracyWarning, match="sliding mode"):
+        ended = march(model, sliding="ends")
+    assert ended.sizes["event"] == 1
