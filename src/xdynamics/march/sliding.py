@@ -100,7 +100,7 @@ class Sliding:
     def _candidates(self) -> list[Surface]:
         """Return the surfaces that the motion stands on, of which one that has the switches of another stands for both."""
         found = [surface for surface in surfaces(self._model) if self._is_slid_on(surface) or self._is_met(surface)]
-        watched = {surface: {*surface.detectors(self._model)} for surface in found}
+        watched = {surface: {i for i, _ in surface.detectors(self._model)} for surface in found}
         return [surface for surface in found if not any(watched[surface] < of_other for of_other in watched.values())]
 
     def recall(self, modes: Floats, regime: int) -> None:
@@ -183,9 +183,8 @@ class Sliding:
         sizes = np.abs(rates) + np.abs(matrix).sum(axis=1)
         fixed = {k: self._left_side(surface) for k, surface in enumerate(along) if self._is_left(surface)}
         for k, value in enumerate(values):
-            if (
-                along[k] in self.along and abs(value) > NEAR * self._span * sizes[k]
-            ):  # an event has set the state elsewhere
+            # an event has set the state elsewhere
+            if along[k] in self.along and abs(value) > NEAR * self._span * sizes[k]:
                 fixed[k] = 1 if value > 0.0 else -1
         for sides in product((-1, SLIDING, 1), repeat=len(along)):
             if any(sides[k] != side for k, side in fixed.items()):

@@ -260,9 +260,8 @@ class SlidingModel(RegimeModel):
             regime = [*self.plain.statement.regimes.values()][number]
             if owner in self.plain.statement.forces and owner not in regime.forces:
                 return ZERO
-        return expand(
-            tree, {switch_side(i): Number(float(side * factor)) for i, factor in (*surface.switches, *surface.beside)}
-        )
+        switches = (*surface.switches, *surface.beside)
+        return expand(tree, {switch_side(i): Number(float(side * factor)) for i, factor in switches})
 
 
 def sliding_model(model: RegimeModel, along: Sequence[Surface]) -> SlidingModel:
