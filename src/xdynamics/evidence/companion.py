@@ -268,9 +268,9 @@ def _with_global_errors(states: xr.Dataset, errors: Mapping[str, Floats], factor
     for name, error in errors.items():
         text = f"error of {name} since the start: its difference from the run with {tightening}, times {factor:.6g}"
         state_variable = states.variables[name]
-        variables[global_error(name)] = xr.Variable(
-            state_variable.dims, error, attrs_of(str(state_variable.attrs["units"]), text, "error")
-        )
+        described = attrs_of(str(state_variable.attrs["units"]), text, "error")
+        # fastpath: xarray would import dask to find out that the numbers are not one of its arrays
+        variables[global_error(name)] = xr.Variable(state_variable.dims, error, described, fastpath=True)
     return states.assign(variables).assign_attrs(companion=tightening)
 
 

@@ -5,6 +5,7 @@ A process remembers the results of its tasks, up to a bounded number of bytes.
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
@@ -77,12 +78,16 @@ REMEMBERED = Memory()  # of this process
 
 
 def _result_size(result: Any) -> int:
-    """Return the approximate bytes of a result; of a dataclass the sum over its fields, which may be runs."""
-    from dask.sizeof import sizeof
-
+    """Return the approximate bytes of a result; of containers and dataclasses the sum of what they hold, runs for example."""
     if is_dataclass(result) and not isinstance(result, type):
         return sum(_result_size(getattr(result, entry.name)) for entry in fields(result))
-    return int(getattr(result, "nbytes", 0)) or int(sizeof(result))
+    if size := int(getattr(result, "nbytes", 0)):  # a dataset is a mapping, too, but of fewer names
+        return size
+    if isinstance(result, Mapping):
+        return sum(map(_result_size, result.values()))
+    if isinstance(result, (list, tuple, set, frozenset)):
+        return sum(map(_result_size, result))
+    return sys.getsizeof(result)
 
 
 def remembered_megabytes() -> float:

@@ -163,19 +163,16 @@ def _variable_names(first: xr.Dataset, second: xr.Dataset | None) -> list[str]:
 
 def _rows_table(names: list[str], rows: Sequence[int | None]) -> xr.Dataset:
     """Return a row for each variable: its name, whether all bits agree, and the first row that differs."""
+    columns = {
+        "name": (np.array(names), "variable of the runs"),
+        "same": (np.array([row is None for row in rows], np.int8), "1 where every bit agrees"),
+        "first_row": (np.array([-1 if row is None else row for row in rows]), "first row that differs, -1 for none"),
+    }
+    # fastpath: xarray would import dask to find out that the columns are not of its arrays
     return xr.Dataset(
         {
-            "name": ("variable", np.array(names), {"long_name": "variable of the runs", "units": "1", "role": "index"}),
-            "same": (
-                "variable",
-                np.array([row is None for row in rows], np.int8),
-                {"long_name": "1 where every bit agrees", "units": "1", "role": "index"},
-            ),
-            "first_row": (
-                "variable",
-                np.array([-1 if row is None else row for row in rows]),
-                {"long_name": "first row that differs, -1 for none", "units": "1", "role": "index"},
-            ),
+            name: xr.Variable(("variable",), column, {"long_name": words, "units": "1", "role": "index"}, fastpath=True)
+            for name, (column, words) in columns.items()
         }
     )
 

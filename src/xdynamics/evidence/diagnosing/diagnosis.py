@@ -335,7 +335,8 @@ def cycles_text(diagnosis: xr.Dataset) -> str:
 
 def cycle_count(diagnosis: xr.Dataset) -> int:
     """Return how many of the cycles that are listed there are."""
-    return int(diagnosis["period"].count()) if CYCLE in diagnosis.dims else 0
+    # by numpy: xarray would import dask to find out that the numbers are not one of its arrays
+    return int(np.sum(~np.isnan(diagnosis["period"].values))) if CYCLE in diagnosis.dims else 0
 
 
 def diagnosis_lines(diagnosis: xr.Dataset) -> Iterator[str]:
@@ -366,7 +367,7 @@ def diagnosis_lines(diagnosis: xr.Dataset) -> Iterator[str]:
     if count := cycle_count(diagnosis):
         yield f"cycles of {cycles_text(diagnosis)}: {count}, phases beside {stated_value(diagnosis, 'reference')}"
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
-            if diagnosis[name][:count].isnull().all():
+            if np.isnan(diagnosis[name].values[:count]).all():
                 yield f"{name} is unknown: the reference has fewer cycles, or none was computed"
                 continue
             first, last = (diagnosed(diagnosis, name, k) for k in (0, count - 1))
