@@ -381,7 +381,8 @@ def test_looking_at_a_run_imports_no_dask(tmp_path: Path) -> None:
     archive, picture = str(tmp_path / "ball.nc"), str(tmp_path / "ball.png")
     assert call("run", BALL, "--until", "1 s", "-o", archive).exit_code == 0
     looks = [["check", str(BALL)], ["show", archive], ["table", archive], ["plot", archive, "-o", picture]]
-    assert "dask.array" not in modules_after(looks)
+    asks = [["diagnose", archive], ["reproduce", archive], ["compare", archive, archive]]
+    assert "dask.array" not in modules_after(looks + asks)
 
 
 def test_a_plain_run_imports_none_of_the_dear_libraries(tmp_path: Path) -> None:
