@@ -477,10 +477,14 @@ AT_REST = {
     "sign and a push": {"f": "-2*newton*sign(x)", "push": "1*newton"},
     "where": {"f": "where(x > 0*metre, -2*newton, 0.4*newton)"},
     "with friction": {"f": "-2*newton*sign(x)", "dry": "-0.5*newton*sign(v_x)"},
-    "with friction, from the other side": {"f": "2*newton*sign(-3*x)", "dry": "-0.5*newton*sign(v_x)"},
+    "friction of the other sign": {"f": "2*newton*sign(-3*x)", "dry": "-0.5*newton*sign(v_x)", "push": "1*newton"},
     "with a spring": {"f": "-2*newton*sign(x)", "spring": "-3*newton/metre*x"},
 }
-SHARES = {"sign and a push": 0.75, "where": 1 / 6}  # of the positive side; 1/2 elsewhere
+SHARES = {
+    "sign and a push": 0.75,
+    "where": 1 / 6,
+    "friction of the other sign": 0.3,
+}  # of the positive side; 1/2 elsewhere
 
 
 @pytest.mark.parametrize("method", [*METHODS, "velocity_verlet"])
@@ -591,3 +595,13 @@ def test_a_rest_on_a_switch_is_the_same_everywhere(tmp_path: Path) -> None:
     with pytest.warns(xd.AccuracyWarning, match="sliding mode"):
         ended = march(model, sliding="ends")
     assert ended.sizes["event"] == 1
+
+
+def test_a_mass_that_moves_off_a_switch_is_no_rest() -> None:
+    """Assert that the audit sees a velocity in a record of rest."""
+    run = march(braked(AT_REST["sign"]))
+    moved = run.assign(v_x=run.v_x + 0.1 * (run.time > 0.0))
+    moved.v_x.attrs.update(run.v_x.attrs)
+    (gate,) = [gate for gate in audit(moved) if gate.name == "slides_on_switch"]
+    assert gate.verdict != "passed"
+    assert "is off it" in gate.reason
