@@ -605,3 +605,33 @@ def test_a_mass_that_moves_off_a_switch_is_no_rest() -> None:
     (gate,) = [gate for gate in audit(moved) if gate.name == "slides_on_switch"]
     assert gate.verdict != "passed"
     assert "is off it" in gate.reason
+
+
+def test_what_no_share_is_known_of_ends_in_words() -> None:
+    """Assert that a root whose rate is not known at zero, and a point of a table that both sides drive back to, end a run."""
+    root = flows(
+        {
+            "x": ("0 m", "w*metre/(1*metre)/second - 2*metre/second*sqrt(abs(x/(1*metre)))*sign(x)"),
+            "w": ("0 m", "-1.5*metre/second*sign(x)"),
+        }
+    )
+    table = xd.Model(
+        name="valley",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        forces={"f": {"x": "F"}},
+        drives={
+            "F": {
+                "table": "f.csv",
+                "csv": "x [m],F [N]\n-5,2\n0,-2\n5,-2\n",
+                "interpolation": "previous",
+                "argument": "x",
+            }
+        },
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+    )
+    for model in (root, table):
+        with pytest.warns(xd.AccuracyWarning, match="sliding mode"):
+            run = march(model, max_steps=500)
+        assert run.attrs["run_outcome"] == "sliding_mode"
+        assert run.sizes["event"] < 4

@@ -195,7 +195,8 @@ class Sliding:
                 block = matrix[np.ix_(slid, slid)]
                 shares[slid] = 0.0
                 known = rates + matrix @ shares
-                if abs(np.linalg.det(block / sizes[slid, None])) <= _UNCERTAIN:
+                # sizes are nan where a rate is not known
+                if not (sizes[slid] > 0.0).all() or abs(np.linalg.det(block / sizes[slid, None])) <= _UNCERTAIN:
                     continue
                 shares[slid] = np.linalg.solve(block, -known[slid])
             going = rates + matrix @ shares

@@ -210,18 +210,26 @@ def rests_on_switch(run: Run) -> bool:
     """
     crowds = False
     for i in range(run.detectors.shape[0]):
-        passed = run.detectors[i].role == SWITCH and run.watches[i].hit in (CROSSED, FORCED)
-        if passed and not run.detectors[i].of_time and run.detectors[i].drive < 0 and event_kind(run, i) != JUMP:
+        if passes_switch(run, i):
             crowds = crowds or run.trial[0].h <= CROWDED * event_resolution(run, i, 0.0)
     if not crowds:
         return False
     find_bends(run)
     for i in range(run.detectors.shape[0]):
-        if run.detectors[i].role == SWITCH and run.watches[i].hit in (CROSSED, FORCED) and run.detectors[i].drive < 0:
-            reach, side = CROWDED * event_resolution(run, i, 0.0), -run.watches[i].armed
-            if run.arguments[i] * side < 0.0 and 2.0 * abs(run.slopes[i]) <= reach * abs(run.arguments[i]):
-                return True
+        watch, reach = run.watches[i], CROWDED * event_resolution(run, i, 0.0)
+        side = watch.guard if run.detectors[i].drive >= 0 else -watch.armed
+        returns = run.arguments[i] * side < 0.0 and 2.0 * abs(run.slopes[i]) <= reach * abs(run.arguments[i])
+        if returns and passes_switch(run, i):
+            return True
     return False
+
+
+@jit_separate
+def passes_switch(run: Run, i: int) -> bool:
+    """Whether the motion passes a switch or a point of a table at the trial's end, neither of time nor by a jump over it."""
+    detector, hit = run.detectors[i], run.watches[i].hit
+    passed = detector.role == SWITCH and hit in (CROSSED, FORCED) and not detector.of_time
+    return bool(passed and event_kind(run, i) != JUMP)
 
 
 @jit_separate
