@@ -11,31 +11,18 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
-import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from many_bodies import CHAIN
 from mechanisms import linkage
+from shaped_growth import least
+from start import OSCILLATOR
 
 import xdynamics as xd
 
-OSCILLATOR = """
-name = "oscillator"
-[coordinates]
-x = "m"
-[parameters]
-k = "4 N m-1 ± 0.1 N m-1"
-[mass]
-x = "1*kilogram"
-[forces.spring]
-x = "-k*x"
-[initial]
-x = "1 m"
-v_x = "0 m s-1"
-"""
-CLOCK = """
+SAWTOOTH = """
 name = "sawtooth"
 [states.s]
 unit = "m"
@@ -48,7 +35,6 @@ direction = "rising"
 action = "reset"
 set = { s = "0*metre" }
 """
-ROUNDS = 3
 
 
 def rows(count: int) -> None:
@@ -79,7 +65,7 @@ def scalars(count: int) -> None:
 
 def events(count: int) -> None:
     """March a sawtooth that is set back so many times."""
-    xd.simulate(xd.Model.from_text(CLOCK), method="rk4", step=0.1, until=count + 0.5)
+    xd.simulate(xd.Model.from_text(SAWTOOTH), method="rk4", step=0.1, until=count + 0.5)
 
 
 def links(count: int) -> None:
@@ -114,23 +100,13 @@ AXES: dict[Callable[[int], None], tuple[int, ...]] = {
 }
 
 
-def least(call: Callable[..., None], *given: Any) -> float:
-    """Return the least CPU time of some calls, s."""
-    found = math.inf
-    for _ in range(ROUNDS):
-        begin = time.process_time()
-        call(*given)
-        found = min(found, time.process_time() - begin)
-    return found
-
-
 def main() -> None:
     """Print a line for each axis."""
     wanted = sys.argv[1:]
     for call, sizes in AXES.items():
         if wanted and call.__name__ not in wanted:
             continue
-        took = [least(call, size) for size in sizes]
+        took = [least(partial(call, size)) for size in sizes]
         exponent = math.log(took[-1] / took[-2]) / math.log(sizes[-1] / sizes[-2])
         each = ", ".join(f"{size:,}: {length:.3g} s" for size, length in zip(sizes, took, strict=True))
         print(f"{call.__name__:9} {exponent:5.2f}   {each}", flush=True)

@@ -23,6 +23,20 @@ from scipy.integrate import solve_ivp
 import xdynamics as xd
 
 MODEL = Path(__file__).parents[2] / "data" / "models" / "ball_drag.toml"
+OSCILLATOR = """
+name = "oscillator"
+[coordinates]
+x = "m"
+[parameters]
+k = "4 N m-1 ± 0.1 N m-1"
+[mass]
+x = "1*kilogram"
+[forces.spring]
+x = "-k*x"
+[initial]
+x = "1 m"
+v_x = "0 m s-1"
+"""
 ROUNDS = 7
 CALLS = 200
 
@@ -34,8 +48,8 @@ def seconds(*command: str) -> float:
     return time.perf_counter() - begin
 
 
-def least(call: Callable[[], object]) -> float:
-    """Return the least of many times of a call, s."""
+def least_of_many(call: Callable[[], object]) -> float:
+    """Return the least wall-clock time of many calls, s."""
     best = inf
     for _ in range(CALLS):
         begin = time.perf_counter()
@@ -78,18 +92,12 @@ def processes() -> None:
 
 def small_calls() -> None:
     """Print what a small job takes when it is asked for again, beside scipy."""
-    model = xd.Model(
-        name="oscillator",
-        coordinates={"x": "m"},
-        mass={"x": "1*kilogram"},
-        forces={"spring": {"x": "-4*newton/metre*x"}},
-        initial={"x": "1 m", "v_x": "0 m s-1"},
-    )
+    model = xd.Model.from_text(OSCILLATOR)
     given: dict[str, Any] = {"method": "dormand_prince", "until": "1 s", "rtol": 1e-6}
     xd.simulate(model, **given)
-    ours = least(lambda: xd.simulate(model, **given))
-    solved = least(lambda: xd.solve(lambda _t, y: [y[1], -4.0 * y[0]], (0.0, 1.0), [1.0, 0.0], rtol=1e-6))
-    theirs = least(lambda: solve_ivp(lambda _t, y: [y[1], -4.0 * y[0]], (0.0, 1.0), [1.0, 0.0], rtol=1e-6))
+    ours = least_of_many(lambda: xd.simulate(model, **given))
+    solved = least_of_many(lambda: xd.solve(lambda _t, y: [y[1], -4.0 * y[0]], (0.0, 1.0), [1.0, 0.0], rtol=1e-6))
+    theirs = least_of_many(lambda: solve_ivp(lambda _t, y: [y[1], -4.0 * y[0]], (0.0, 1.0), [1.0, 0.0], rtol=1e-6))
     print(f"least of {CALLS} calls, an oscillator for 1 s")
     for name, length in (("simulate again", ours), ("solve again", solved), ("scipy's solve_ivp", theirs)):
         print(f"  {name:28}{1e3 * length:6.2f} ms, {length / theirs:.2f} x scipy")

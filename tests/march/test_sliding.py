@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from math import asin, pi, sqrt
 from pathlib import Path
 from typing import Any
@@ -32,13 +33,20 @@ MEETING = flows(
 )
 
 
-def braked(forces: dict[str, str], **initial: str) -> xd.Model:
-    """A mass of 1 kg under forces along x."""
+def braked(
+    forces: Mapping[str, str | dict[str, str]],
+    parameters: dict[str, str] | None = None,
+    drives: dict[str, Any] | None = None,
+    **initial: str,
+) -> xd.Model:
+    """A mass of 1 kg under forces along x, or of potentials."""
     return xd.Model(
         name="braked",
         coordinates={"x": "m"},
+        parameters=parameters or {},
         mass={"x": "1*kilogram"},
-        forces={name: {"x": tree} for name, tree in forces.items()},
+        drives=drives or {},
+        forces={name: {"x": force} if isinstance(force, str) else force for name, force in forces.items()},
         initial={"x": "0 m", "v_x": "0 m s-1"} | initial,
     )
 
@@ -480,11 +488,8 @@ AT_REST = {
     "friction of the other sign": {"f": "2*newton*sign(-3*x)", "dry": "-0.5*newton*sign(v_x)", "push": "1*newton"},
     "with a spring": {"f": "-2*newton*sign(x)", "spring": "-3*newton/metre*x"},
 }
-SHARES = {
-    "sign and a push": 0.75,
-    "where": 1 / 6,
-    "friction of the other sign": 0.3,
-}  # of the positive side; 1/2 elsewhere
+# of the positive side; 1/2 elsewhere
+SHARES = {"sign and a push": 0.75, "where": 1 / 6, "friction of the other sign": 0.3}
 
 
 @pytest.mark.parametrize("method", [*METHODS, "velocity_verlet"])
@@ -507,13 +512,7 @@ def test_a_mass_at_rest_that_both_sides_drive_back_stays(case: str, method: str)
 
 def test_a_potential_with_an_edge_holds_a_mass_and_keeps_its_energy() -> None:
     """Assert that 2 N |x| holds what rests at its edge, and lets go of what is pushed harder, at asin(2/3)."""
-    model = xd.Model(
-        name="edge",
-        coordinates={"x": "m"},
-        mass={"x": "1*kilogram"},
-        forces={"valley": {"potential": "2*newton*abs(x)"}, "push": {"x": "3*newton*sin(t/second)"}},
-        initial={"x": "0 m", "v_x": "0 m s-1"},
-    )
+    model = braked({"valley": {"potential": "2*newton*abs(x)"}, "push": "3*newton*sin(t/second)"})
     run = march(model, until="1 s", rtol=1e-11)
     assert kinds(run) == ["slide", "leave"]
     left = asin(2 / 3)
@@ -580,14 +579,7 @@ def test_a_rest_on_a_switch_is_the_same_everywhere(tmp_path: Path) -> None:
     assert not xd.sample(run, [0.1, 1.7]).x.values.any()
     longer = xd.extend(march(model, until="1 s"), until="3 s")
     assert float(longer.x[-1]) == 0.0
-    pushed = xd.Model(
-        name="pushed",
-        coordinates={"x": "m"},
-        parameters={"p": "1 N"},
-        mass={"x": "1*kilogram"},
-        forces={"f": {"x": "-2*newton*sign(x)"}, "push": {"x": "p"}},
-        initial={"x": "0 m", "v_x": "0 m s-1"},
-    )
+    pushed = braked({"f": "-2*newton*sign(x)", "push": "p"}, parameters={"p": "1 N"})
     swept = xd.sweep(
         pushed, {"p": np.array([1.0, 1.5, 3.0])}, keep=["end_x"], method="dormand_prince", until="2 s"
     ).compute()
@@ -615,21 +607,8 @@ def test_what_no_share_is_known_of_ends_in_words() -> None:
             "w": ("0 m", "-1.5*metre/second*sign(x)"),
         }
     )
-    table = xd.Model(
-        name="valley",
-        coordinates={"x": "m"},
-        mass={"x": "1*kilogram"},
-        forces={"f": {"x": "F"}},
-        drives={
-            "F": {
-                "table": "f.csv",
-                "csv": "x [m],F [N]\n-5,2\n0,-2\n5,-2\n",
-                "interpolation": "previous",
-                "argument": "x",
-            }
-        },
-        initial={"x": "0 m", "v_x": "0 m s-1"},
-    )
+    jump = {"csv": "x [m],F [N]\n-5,2\n0,-2\n5,-2\n", "interpolation": "previous", "argument": "x"}
+    table = braked({"f": "F"}, drives={"F": {"table": "f.csv"} | jump})
     for model in (root, table):
         with pytest.warns(xd.AccuracyWarning, match="sliding mode"):
             run = march(model, max_steps=500)

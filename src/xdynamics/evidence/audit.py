@@ -204,7 +204,7 @@ def _off_switches(run: xr.Dataset, model: Model) -> Iterator[str]:
         return
     slid = surfaces(base)
     rates = [tree for side in (0, 1) for surface in slid for tree in arm_rates(base, (surface,), (surface,)[:side])]
-    columns = _tree_columns(run, base, [*(surface.held for surface in slid), *rates])
+    columns = _tree_columns(run, base, [*(surface.sliding_variable for surface in slid), *rates])
     times, second = column_in_si(run, "time"), unit_suffix(str(run["time"].attrs["units"]))
     for i, surface in enumerate(slid):
         share = np.asarray(run[schema.share_of(surface.name)].values, float)

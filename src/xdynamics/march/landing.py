@@ -52,6 +52,8 @@ from xdynamics.march.events.enclosures import end_region
 from xdynamics.march.events.root_finding import event_kind, is_plain, locate_events
 from xdynamics.march.events.switch_sides import (
     find_bends,
+    has_flat_zeros,
+    is_flat,
     keep_sides,
     ring_events,
     rings_at_end,
@@ -478,13 +480,14 @@ def stand_on_switches(run: Run) -> None:
     now = run.now[0]
     stand_here(run)
     call_law(run.law[SLOPES], run, run.y, run.slopes, 0)
-    find_bends_at_rest(run)
+    if has_flat_zeros(run):
+        find_bends(run)
     for i in range(run.detectors.shape[0]):
         watch, side = run.watches[i], 0.0
         watch.hit, run.pending[i] = NONE, 0.0
         if run.detectors[i].role == SWITCH_ROLE and run.detectors[i].drive < 0 and run.g[i] == 0.0:
             side = run.modes[run.detectors[i].to]
-        if side * run.slopes[i] < 0.0 or (run.slopes[i] == 0.0 and side * run.arguments[i] < 0.0):
+        if side * run.slopes[i] < 0.0 or (is_flat(run, i) and side * run.arguments[i] < 0.0):
             watch.hit, watch.armed, watch.left, watch.broken = CROSSED, np.int64(-side), 0.0, SMOOTH
             watch.zone, watch.before, watch.drift = -1.0, 0.0, 0.0
             now.status = AT_SWITCH
@@ -494,17 +497,6 @@ def stand_on_switches(run: Run) -> None:
             end_march(run, NONFINITE_OBSERVABLE)
             return
         note_events(run, row, 0)
-
-
-@jit_separate
-def find_bends_at_rest(run: Run) -> None:
-    """Leave in `arguments` how fast the rates of switches change on which the march rests, as it begins; else zero."""
-    rests = False
-    for i in range(run.detectors.shape[0]):
-        run.arguments[i] = 0.0
-        rests = rests or (run.detectors[i].role == SWITCH_ROLE and run.g[i] == 0.0 and run.slopes[i] == 0.0)
-    if rests:
-        find_bends(run)
 
 
 @jit_separate

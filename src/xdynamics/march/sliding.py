@@ -160,18 +160,19 @@ class Sliding:
         return surface in self.along and between
 
     def _is_met(self, surface: Surface) -> bool:
-        """Whether it has an event here and, if forces drive the rate of its function alone, this is zero as well."""
+        """Whether its function has an event here and, where forces act on the rate of this alone, the rate is zero, too."""
         hits = self.march.run.watches["hit"]
-        own = surface.detectors(self._model)[: len(surface.events) + len(surface.switches)]
-        if not any(hits[i] for i, _ in own) or surface.rate is None:
-            return any(hits[i] for i, _ in own)
+        own_detectors = surface.detectors(self._model)[: len(surface.events) + len(surface.switches)]
+        met = any(hits[i] for i, _ in own_detectors)
+        if not met or surface.rate is None:
+            return met
         rates, matrix, values = self._rates((surface,))
-        return bool(abs(values[0]) <= NEAR * self._span * (abs(rates[0]) + abs(matrix[0, 0])))
+        return bool(abs(values[0]) <= self._soon * _sizes(rates, matrix)[0])
 
     @property
-    def _span(self) -> float:
-        """The duration of the whole march."""
-        return float(self.march.run.plan[0]["end"] - self.march.run.plan[0]["start"])
+    def _soon(self) -> float:
+        """The time within which the motion would come to a switch that it counts as standing on."""
+        return NEAR * float(self.march.run.plan[0]["end"] - self.march.run.plan[0]["start"])
 
     def _ways(self, candidates: Sequence[Surface]) -> Iterator[dict[Surface, int]]:
         """Yield the ways in which the motion may go on: the side of each switch, or 0 where it slides."""
@@ -180,11 +181,11 @@ class Sliding:
             return
         along = tuple(candidates)
         rates, matrix, values = self._rates(along)
-        sizes = np.abs(rates) + np.abs(matrix).sum(axis=1)
+        sizes = _sizes(rates, matrix)
         fixed = {k: self._left_side(surface) for k, surface in enumerate(along) if self._is_left(surface)}
         for k, value in enumerate(values):
             # an event has set the state elsewhere
-            if along[k] in self.along and abs(value) > NEAR * self._span * sizes[k]:
+            if along[k] in self.along and abs(value) > self._soon * sizes[k]:
                 fixed[k] = 1 if value > 0.0 else -1
         for sides in product((-1, SLIDING, 1), repeat=len(along)):
             if any(sides[k] != side for k, side in fixed.items()):
@@ -220,12 +221,12 @@ class Sliding:
         return 1 if run.log_rows[place, row] > 0.5 else -1
 
     def _rates(self, along: tuple[Surface, ...]) -> tuple[Floats, Floats, Floats]:
-        """Return the rates of what is held with all sides negative, what each positive side adds to them, and its values."""
+        """Return the rates of sliding variables with all sides negative, what each positive side adds, and their values."""
         model, n = self._model, len(along)
         trees = [*arm_rates(model, along, ())]
         for surface in along:
             trees += arm_rates(model, along, (surface,))
-        values = self._values([*trees, *(surface.held for surface in along)])
+        values = self._values([*trees, *(surface.sliding_variable for surface in along)])
         rates, beyond, functions = np.split(values, [n, n + n * n])
         return rates, (beyond.reshape(n, n) - rates).T, functions
 
@@ -235,7 +236,7 @@ class Sliding:
         if not several:
             return True
         rates, matrix, _ = self._rates(candidates)
-        sizes = np.abs(rates) + np.abs(matrix).sum(axis=1)
+        sizes = _sizes(rates, matrix)
         together = self._values([tree for positive in several for tree in arm_rates(self._model, candidates, positive)])
         sums = [rates + matrix @ [float(surface in positive) for surface in candidates] for positive in several]
         return bool((np.abs(together.reshape(len(several), -1) - sums) <= ADDS_UP * sizes).all())
@@ -280,6 +281,12 @@ def values_in_rows(
             known[switch_side(i)] = float(run.modes[run.detectors["to"][first + i]])
     values = evaluate_over_states(model, list(trees), state, known, drive_pieces(model))
     return [np.broadcast_to(np.asarray(numbers, float), rows.shape[1]) for numbers in values]
+
+
+def _sizes(rates: Floats, matrix: Floats) -> Floats:
+    """Return the sizes of rates, by which they count as zero."""
+    sizes: Floats = np.abs(rates) + np.abs(matrix).sum(axis=1)
+    return sizes
 
 
 def _fault(candidates: Sequence[Surface], ways: int) -> str:

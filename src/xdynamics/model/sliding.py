@@ -6,6 +6,9 @@ combination f = f- + u (f+ - f-) of those of both sides with which the function 
 (Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2; equivalent control: Utkin, Sliding
 Modes in Control and Optimization, 1992). The share u follows from the state: it solves g'(u) = 0, which is linear in u.
 
+Forces that jump with a position act on its velocity alone: the switch has relative degree 2 (Levant, Int. J. Control 58,
+1993). Along it both function and rate are zero, and the share follows from g''(u) = 0.
+
 A model that slides is one whose forces are these combinations. It is smooth, so that whatever marches, samples or
 differentiates a model does so with it; the share has a detector, which is zero where the motion leaves the switch.
 """
@@ -54,10 +57,10 @@ class Surface:
     number : int
         Of the regime in which the motion slides, behind those of the model; -1 without regimes.
     rate : Node, optional
-        The rate of the function where no side changes it, as velocities are the rates of positions: a motion that is
-        driven back to such a switch rests on it, or moves within it, where the rate is zero, too.
-    beside : tuple of (int, int)
-        Numbers of the switches whose functions are equal to the rate up to a factor: they are slid along with it.
+        The rate of the function, if the function has relative degree 2: forces act on its rate alone, as on the velocity
+        of a mass. The motion rests on such a switch, or moves within it, where the rate is zero, too.
+    rate_switches : tuple of (int, int)
+        Numbers of the switches whose functions are equal to the rate up to a factor, in the same way.
     """
 
     name: str
@@ -67,17 +70,17 @@ class Surface:
     regimes: tuple[int, int] | None = None
     number: int = -1
     rate: Node | None = None
-    beside: tuple[tuple[int, int], ...] = ()
+    rate_switches: tuple[tuple[int, int], ...] = ()
 
     @property
-    def held(self) -> Node:
-        """What stays zero along it because of its share: its function, or the rate of this."""
+    def sliding_variable(self) -> Node:
+        """What the share keeps at zero: the function or, where forces act on its rate alone, that rate."""
         return self.function if self.rate is None else self.rate
 
     def detectors(self, model: Model) -> tuple[tuple[int, int], ...]:
         """Return the numbers of its detectors, events before switches: models that slide have nothing between them."""
         first = len(model.elements.events)
-        return (*self.events, *((first + i, factor) for i, factor in (*self.switches, *self.beside)))
+        return (*self.events, *((first + i, factor) for i, factor in (*self.switches, *self.rate_switches)))
 
 
 @lru_cache(maxsize=64)
@@ -125,13 +128,13 @@ def _surface_of(model: RegimeModel, groups: Sequence[_Group], k: int) -> Surface
     driven = {item.name for item in motion(model.elements)}
     if driven & model.elements.reads(rate):
         return Surface(name, function, switches)
-    beside = [
+    rate_switches = [
         (i, factor * sign)
         for other in groups
         if (sign := 0 if other.events else _sign_of_factor(model, rate, other.function))
         for i, factor in other.switches
     ]
-    return Surface(name, function, switches, rate=rate, beside=tuple(beside))
+    return Surface(name, function, switches, rate=rate, rate_switches=tuple(rate_switches))
 
 
 @dataclass
@@ -260,7 +263,7 @@ class SlidingModel(RegimeModel):
             regime = [*self.plain.statement.regimes.values()][number]
             if owner in self.plain.statement.forces and owner not in regime.forces:
                 return ZERO
-        switches = (*surface.switches, *surface.beside)
+        switches = (*surface.switches, *surface.rate_switches)
         return expand(tree, {switch_side(i): Number(float(side * factor)) for i, factor in switches})
 
 
@@ -299,13 +302,13 @@ def shares(model: RegimeModel, along: tuple[Surface, ...]) -> tuple[Node, ...]:
 
 @lru_cache(maxsize=64)
 def arm_rates(model: RegimeModel, of: tuple[Surface, ...], positive: tuple[Surface, ...]) -> tuple[Node, ...]:
-    """Return the time derivatives of what stays zero along surfaces, where all but some of them are on their negative side."""
+    """Return the rates of the sliding variables of surfaces, where all but some of these are on their negative side."""
     arm = SlidingModel(model, {surface: ONE if surface in positive else ZERO for surface in of})
     known: dict[str, Node] = {}
     for item in motion(arm.elements):
         assert not isinstance(item.value, Function)  # noqa: S101 - a model with one has no surfaces
         known[item.name] = expand(item.value, known)
-    return tuple(expand(arm.elements.rate_of(surface.held), known) for surface in of)
+    return tuple(expand(arm.elements.rate_of(surface.sliding_variable), known) for surface in of)
 
 
 def slid_along(model: Model) -> tuple[Surface, ...]:

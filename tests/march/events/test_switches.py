@@ -65,8 +65,12 @@ def test_rest_on_a_jump_is_told_from_a_motion_that_is_long(force: str, x: str) -
     assert run.attrs["run_outcome"] == "completed"
     assert (run.x == run.x[0]).all()
     run = xd.simulate(pushed(force, x), method="dop853", rtol=1e-8, until=100.0, max_steps=200, sliding="ends")
-    assert run.attrs["run_outcome"] in ("sliding_mode", "step_limit")
-    assert "either side drives the motion back" in run.attrs["run_outcome_text"]
+    at_zero = x == "0 m"  # elsewhere rounding of the position keeps passages apart
+    assert run.attrs["run_outcome"] == ("sliding_mode" if at_zero else "step_limit")
+    assert "'relay' switches where " in run.attrs["run_outcome_text"]
+    back = "either side drives the motion back: it " + ("slides along the switch" if at_zero else "rests there")
+    assert back in run.attrs["run_outcome_text"]
+    assert at_zero or "write dry friction as [frictions]" in run.attrs["run_outcome_text"]
     run = xd.simulate(pushed("-f*sign(x)", "1 mm"), method="dop853", rtol=1e-8, until=100.0, max_steps=200)
     assert "raise max_steps" in run.attrs["run_outcome_text"]
     assert "rests" not in run.attrs["run_outcome_text"]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.elementary.arrays import flattened_rows
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.folding import model_dimensions
@@ -168,11 +169,11 @@ def _rows_table(names: list[str], rows: Sequence[int | None]) -> xr.Dataset:
         "same": (np.array([row is None for row in rows], np.int8), "1 where every bit agrees"),
         "first_row": (np.array([-1 if row is None else row for row in rows]), "first row that differs, -1 for none"),
     }
-    # fastpath: xarray would import dask to find out that the columns are not of its arrays
+    # fastpath: xarray would import dask to find out that the columns are not one of its arrays
     return xr.Dataset(
         {
-            name: xr.Variable(("variable",), column, {"long_name": words, "units": "1", "role": "index"}, fastpath=True)
-            for name, (column, words) in columns.items()
+            name: xr.Variable(("variable",), column, attrs_of("1", long_name, "index"), fastpath=True)
+            for name, (column, long_name) in columns.items()
         }
     )
 

@@ -336,7 +336,7 @@ def cycles_text(diagnosis: xr.Dataset) -> str:
 def cycle_count(diagnosis: xr.Dataset) -> int:
     """Return how many of the cycles that are listed there are."""
     # by numpy: xarray would import dask to find out that the numbers are not one of its arrays
-    return int(np.sum(~np.isnan(diagnosis["period"].values))) if CYCLE in diagnosis.dims else 0
+    return int(np.count_nonzero(~np.isnan(diagnosis["period"].values))) if CYCLE in diagnosis.dims else 0
 
 
 def diagnosis_lines(diagnosis: xr.Dataset) -> Iterator[str]:

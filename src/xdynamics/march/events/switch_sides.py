@@ -82,10 +82,7 @@ def leave_flat_zeros(run: Run) -> None:
 
     So is the second in ``max(0, sign(x))``: a sign has no rate, and is 0 at the start alone.
     """
-    flat = False
-    for i in range(run.detectors.shape[0]):
-        flat = flat or is_flat(run, i)
-    if not flat:
+    if not has_flat_zeros(run):
         return
     step_ahead(run, run.y, moment(run))
     call_law(run.law[DETECT], run, run.z, run.g1, 0)
@@ -93,6 +90,15 @@ def leave_flat_zeros(run: Run) -> None:
     for i in range(run.detectors.shape[0]):
         if is_flat(run, i) and run.g1[i] != 0.0:
             take_side(run, i, sign_of(run.g1[i]))
+
+
+@jit_separate
+def has_flat_zeros(run: Run) -> bool:
+    """Whether the functions of any switches and their rates are zero."""
+    flat = False
+    for i in range(run.detectors.shape[0]):
+        flat = flat or is_flat(run, i)
+    return flat
 
 
 @jit_separate
@@ -190,15 +196,15 @@ def slides_along_switch(run: Run) -> bool:
     call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]
-        if detector.role == SWITCH and watch.hit in (CROSSED, FORCED):
-            if detector.of_time or event_kind(run, i) == JUMP or not has_passed(run, i, run.g1[i]):
-                continue  # a trial that solves equations anew may end before a switch that it was to end behind
-            sliding = sliding or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
+        if passes_switch(run, i):
+            # a trial that solves equations anew may end before a switch that it was to end behind
+            driven_back = run.slopes[i] * side_behind(run, i) < 0.0 and has_passed(run, i, run.g1[i])
+            sliding = sliding or driven_back
         elif detector.slides > 0 and watch.hit in (CROSSED, FORCED) and event_kind(run, i) != JUMP:
             sliding = sliding or run.slopes[i] * -watch.armed < 0.0
         elif detector.role == KINK and detector.drive < 0 and watch.hit in (CROSSED, FORCED):
             watch.floor = abs(run.slopes[i]) * run.located[0].h if run.slopes[i] * -watch.armed < 0.0 else 0.0
-    return rests_on_switch(run) or sliding
+    return sliding or rests_on_switch(run)
 
 
 @jit_separate
@@ -216,9 +222,8 @@ def rests_on_switch(run: Run) -> bool:
         return False
     find_bends(run)
     for i in range(run.detectors.shape[0]):
-        watch, reach = run.watches[i], CROWDED * event_resolution(run, i, 0.0)
-        side = watch.guard if run.detectors[i].drive >= 0 else -watch.armed
-        returns = run.arguments[i] * side < 0.0 and 2.0 * abs(run.slopes[i]) <= reach * abs(run.arguments[i])
+        bend, pause = run.arguments[i], CROWDED * event_resolution(run, i, 0.0)
+        returns = bend * side_behind(run, i) < 0.0 and 2.0 * abs(run.slopes[i]) <= pause * abs(bend)
         if returns and passes_switch(run, i):
             return True
     return False
@@ -230,6 +235,12 @@ def passes_switch(run: Run, i: int) -> bool:
     detector, hit = run.detectors[i], run.watches[i].hit
     passed = detector.role == SWITCH and hit in (CROSSED, FORCED) and not detector.of_time
     return bool(passed and event_kind(run, i) != JUMP)
+
+
+@jit_inline
+def side_behind(run: Run, i: int) -> int:
+    """The sign of a switch's function behind the trial's end; in the next piece of a table it is positive again."""
+    return int(run.watches[i].guard if run.detectors[i].drive >= 0 else -run.watches[i].armed)
 
 
 @jit_separate
