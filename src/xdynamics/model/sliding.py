@@ -35,7 +35,9 @@ from xdynamics.runtime.lazy_imports import cached_property
 REFERENCE = "Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2"
 TO_REGIME = ACTIONS[2]
 MOST_AT_ONCE = 3  # surfaces that a motion slides along at a time
-_EQUAL = 1e-12  # of ratios at these
+_EQUAL = 1e-12  # of ratios at probes
+
+Probes = Sequence[Mapping[str, float]]  # states, with parameters, at which expressions are compared
 
 
 @dataclass(frozen=True)
@@ -102,22 +104,22 @@ def surfaces(model: Model) -> tuple[Surface, ...]:
     jumps = any(drive.jumps for drive in elements.drives.values())
     if model.python_functions or model.delays or statement.controllers or jumps or read_accelerations(statement):
         return ()
-    groups: list[_Group] = []
+    groups, probes = list[_Group](), [*probe_states(model)]
     for i, (name, event) in enumerate(elements.events.items()):
         if isinstance(event.function, Function) or not _switches_in_one_direction(event):
             continue
         if elements.reads(event.function) & {*variables(model)}:
-            group, factor = _group_of(model, groups, elements.expanded(event.function), name)
+            group, factor = _group_of(probes, groups, elements.expanded(event.function), name)
             group.events.append((i, factor))
     groups = [group for group in groups if _regimes_beside(model, group)]
     for i, switch in enumerate(watched_by(model)):
         if _may_be_slid_along(model, switch):
-            group, factor = _group_of(model, groups, switch.function, switch.name)
+            group, factor = _group_of(probes, groups, switch.function, switch.name)
             group.switches.append((i, factor))
-    return tuple(_surface_of(model, groups, k) for k in range(len(groups)))
+    return tuple(_surface_of(model, probes, groups, k) for k in range(len(groups)))
 
 
-def _surface_of(model: RegimeModel, groups: Sequence[_Group], k: int) -> Surface:
+def _surface_of(model: RegimeModel, probes: Probes, groups: Sequence[_Group], k: int) -> Surface:
     """Return the surface of a group, of regimes or of switches; of a function of positions with its rate."""
     group = groups[k]
     name, function, switches = group.name, group.function, tuple(group.switches)
@@ -131,7 +133,7 @@ def _surface_of(model: RegimeModel, groups: Sequence[_Group], k: int) -> Surface
     rate_switches = [
         (i, factor * sign)
         for other in groups
-        if (sign := 0 if other.events else _sign_of_factor(model, rate, other.function))
+        if (sign := 0 if other.events else _sign_of_factor(probes, rate, other.function))
         for i, factor in other.switches
     ]
     return Surface(name, function, switches, rate=rate, rate_switches=tuple(rate_switches))
@@ -147,10 +149,10 @@ class _Group:
     events: list[tuple[int, int]] = field(default_factory=list)
 
 
-def _group_of(model: Model, groups: list[_Group], function: Node, name: str) -> tuple[_Group, int]:
+def _group_of(probes: Probes, groups: list[_Group], function: Node, name: str) -> tuple[_Group, int]:
     """Return the group of a function, a new one if there is none yet, and the sign of its factor there."""
     for group in groups:
-        if factor := _sign_of_factor(model, group.function, function):
+        if factor := _sign_of_factor(probes, group.function, function):
             return group, factor
     groups.append(_Group(name, function))
     return groups[-1], 1
@@ -182,12 +184,12 @@ def _regimes_beside(model: Model, group: _Group) -> tuple[int, int] | None:
     return negative, positive
 
 
-def _sign_of_factor(model: Model, first: Node, second: Node) -> int:
+def _sign_of_factor(probes: Probes, first: Node, second: Node) -> int:
     """Return the sign of the factor between two functions; 0 if they are not equal up to one, whatever the parameters are."""
     if first == second:
         return 1
     ratios = set[float]()
-    for values in probe_states(model):
+    for values in probes:
         try:
             ratios.add(evaluate(second, values) / evaluate(first, values))
         except (ArithmeticError, KeyError, ValueError):
