@@ -614,3 +614,20 @@ def test_what_no_share_is_known_of_ends_in_words() -> None:
             run = march(model, max_steps=500)
         assert run.attrs["run_outcome"] == "sliding_mode"
         assert run.sizes["event"] < 4
+
+
+@pytest.mark.parametrize("late", [1e-13, 5e-12, 5e-11])
+def test_a_passage_right_after_a_step_is_no_rest(late: float) -> None:
+    """Assert that a mass at 1 m/s passes a switch a moment after a row, and turns back a second later."""
+    model = braked({"f": "where(x > 0*metre, -2*newton, 0*newton)"}, x=f"{-0.5 - late!r} m", v_x="1 m s-1")
+    run = march(model, "rk4", "2 s", step="0.5 s")
+    assert run.attrs["run_outcome"] == "completed"
+    assert kinds(run) == ["regime_switch"] * 2
+    assert run.event_time.values == pytest.approx([0.5 + late, 1.5 + late], abs=1e-11)
+    assert float(run.v_x[-1]) == pytest.approx(-1.0, abs=1e-9)
+
+
+def test_what_rest_is_judged_by_is_not_counted() -> None:
+    """Assert that a start on a switch which the motion leaves has the force evaluations that earlier archives have."""
+    run = march(braked({"f": "-2*newton*sign(x)", "push": "3*newton"}), "rk4", "1 s", step="0.1 s")
+    assert run.attrs["run_force_evaluations"] == 191
